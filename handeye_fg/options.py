@@ -1,0 +1,56 @@
+"""Options of a calibration: one frozen source for Python, TOML files and command-line flags.
+
+The first paragraph under each field is its help text on the command line.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Intrinsics = Literal["auto", "fixed", "prior", "free"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SfmOptions:
+    """Structure from motion."""
+
+    max_features: int = 8192
+    """Most features kept in an image."""
+    threads: int = 0
+    """Threads to use; 0: all cores."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseOptions:
+    """Known noise levels; what is left out is estimated from the data."""
+
+    pixel_px: float | None = None
+    """Standard deviation of an image observation in pixels."""
+    robot_rotation_deg: float | None = None
+    """Standard deviation of a reported robot orientation, per axis, in degrees."""
+    robot_translation_mm: float | None = None
+    """Standard deviation of a reported robot position, per axis, in millimetres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphOptions:
+    """Joint refinement."""
+
+    intrinsics: Intrinsics = "auto"
+    """What to do with the camera file's intrinsics: keep them (fixed), refine them near the file's
+    values (prior), refine them freely (free), or keep them unless the images contradict them (auto).
+    Without a camera file they are always refined freely."""
+    max_iterations: int = 100
+    """Most iterations of one optimisation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Everything that changes a calibration, beside its input files."""
+
+    setup: Literal["eye-in-hand", "eye-to-hand"] = "eye-in-hand"
+    """Camera on the gripper, or static camera that looks at an object on the gripper."""
+    seed: int = 0
+    """Seed of everything random."""
+    sfm: SfmOptions = field(default_factory=SfmOptions)
+    noise: NoiseOptions = field(default_factory=NoiseOptions)
+    graph: GraphOptions = field(default_factory=GraphOptions)

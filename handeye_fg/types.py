@@ -1,0 +1,189 @@
+"""Frozen values that cross module borders; shapes and frames are checked once, here.
+
+Arrays are copied to float64 (indices to int64) and made read-only. Types that hold arrays compare by identity.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye_fg.frames import Array
+
+Setup = Literal["eye-in-hand", "eye-to-hand"]
+Indices = NDArray[np.int64]
+
+
+def _frozen(value: Array, shape: tuple[int | None, ...], name: str) -> Array:
+    """A read-only float64 copy of an array with the given shape (None: any length)."""
+    array = np.array(value, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        want in (None, have) for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"{name}: {array.shape=} but expected {shape}")
+    array.setflags(write=False)
+    return array
+
+
+def _frozen_indices(value: Indices, length: int, name: str) -> Indices:
+    """A read-only int64 copy of a vector of indices."""
+    array = np.array(value, dtype=np.int64)
+    if array.shape != (length,):
+        raise ValueError(f"{name}: {array.shape=} but expected ({length},)")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraModel:
+    """Intrinsics of one camera, under COLMAP's names and parameter order.
+
+    Attributes:
+        model: PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE ...
+        width, height: image size in pixels.
+        params: parameters (k,) in COLMAP's order; the centre of the first pixel is at (0.5, 0.5).
+    """
+
+    model: str
+    width: int
+    height: int
+    params: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "params", _frozen(self.params, (None,), "params"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobotPoses:
+    """What the controller reported, by image name.
+
+    Attributes:
+        names: image names (n,), unique.
+        base_T_gripper: poses (n, 4, 4), metres.
+    """
+
+    names: tuple[str, ...]
+    base_T_gripper: Array
+
+    def __post_init__(self) -> None:
+        shape = (len(self.names), 4, 4)
+        object.__setattr__(
+            self, "base_T_gripper", _frozen(self.base_T_gripper, shape, "base_T_gripper")
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracks:
+    """Scene points and where images see them, as a structure of arrays.
+
+    Attributes:
+        points_world: positions (p, 3) in world units.
+        image_index: for each observation the index (m,) of its image.
+        point_index: for each observation the index (m,) of its point.
+        pixels: observed positions (m, 2).
+    """
+
+    points_world: Array
+    image_index: Indices
+    point_index: Indices
+    pixels: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.pixels)
+        object.__setattr__(
+            self, "points_world", _frozen(self.points_world, (None, 3), "points_world")
+        )
+        object.__setattr__(self, "pixels", _frozen(self.pixels, (None, 2), "pixels"))
+        for name in ("image_index", "point_index"):
+            object.__setattr__(self, name, _frozen_indices(getattr(self, name), n, name))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SfmModel:
+    """A reconstruction up to a similarity: the registered images only.
+
+    Attributes:
+        names: names (n,) of the registered images.
+        world_T_camera: camera poses (n, 4, 4), translations in world units.
+        camera: the intrinsics that the reconstruction used (refined by it, or as given).
+        tracks: points and observations; ``image_index`` refers to ``names``.
+        mean_reprojection_px: mean length of the reprojection errors.
+        unregistered: (image name, reason) of the images that were read but have no pose.
+    """
+
+    names: tuple[str, ...]
+    world_T_camera: Array
+    camera: CameraModel
+    tracks: Tracks
+    mean_reprojection_px: float
+    unregistered: tuple[tuple[str, str], ...]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.names), 4, 4)
+        object.__setattr__(
+            self, "world_T_camera", _frozen(self.world_T_camera, shape, "world_T_camera")
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearStart:
+    """A closed-form answer, before any noise model.
+
+    Attributes:
+        method: the solver's name.
+        gripper_T_camera: X (4, 4), metres.
+        base_T_world: Z (4, 4), metres: base_T_gripper X = Z scaled(world_T_camera).
+        metres_per_world_unit: the scale, positive.
+        residual_rotation, residual_translation: root mean square over the motion pairs of the
+            angle (radians) and the length (metres) of A X against X B.
+    """
+
+    method: str
+    gripper_T_camera: Array
+    base_T_world: Array
+    metres_per_world_unit: float
+    residual_rotation: float
+    residual_translation: float
+
+    def __post_init__(self) -> None:
+        for name in ("gripper_T_camera", "base_T_world"):
+            object.__setattr__(self, name, _frozen(getattr(self, name), (4, 4), name))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseLevels:
+    """Standard deviations per axis.
+
+    Attributes:
+        pixel: of an observation, pixels.
+        robot_rotation: of a reported robot pose, radians.
+        robot_translation: of a reported robot pose, metres.
+        estimated: whether they were found from the data (else given by the user).
+    """
+
+    pixel: float
+    robot_rotation: float
+    robot_translation: float
+    estimated: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FreeDirection:
+    """One direction that the data leave undetermined.
+
+    Attributes:
+        kind: "rotation", "translation" or "scale".
+        vector: unit vector (3,) in ``frame``; zeros for a scale.
+        frame: the frame of the vector, the parent of X.
+        description: one sentence for a person, with the remedy.
+    """
+
+    kind: Literal["rotation", "translation", "scale"]
+    vector: Array
+    frame: str
+    description: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vector", _frozen(self.vector, (3,), "vector"))
