@@ -1,1 +1,1 @@
-
+"""Files in and out: poses, cameras, images, options and results."""

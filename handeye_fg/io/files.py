@@ -1,0 +1,76 @@
+"""Files that appear whole or not at all."""
+
+import contextlib
+import os
+import secrets
+from pathlib import Path
+
+from handeye_fg.errors import InputDataError
+
+
+def write_atomic(path: Path, content: str | bytes) -> Path:
+    """Write a file so that a reader sees the old content or the new one, never a part.
+
+    The content goes to a temporary file in the same folder, which then takes the place of ``path``.
+    Missing folders are created.
+
+    Args:
+        path: where the file is to appear.
+        content: bytes, or text that is written as UTF-8 with its line ends as they are.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputDataError: the folder or the file cannot be written.
+    """
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
+    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise InputDataError(
+            f"{path}: cannot be written ({error.strerror}); choose another output folder"
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+    return path
+
+
+def read_text(path: Path, what: str) -> str:
+    r"""Read a UTF-8 text file, with or without a byte order mark.
+
+    Args:
+        path: the file.
+        what: its name in error messages, such as "poses file".
+
+    Returns:
+        The text, line ends as ``\n``.
+
+    Raises:
+        InputDataError: the file is missing, unreadable, empty or not text.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as error:
+        raise InputDataError(f"{what} {path}: no such file; check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputDataError(
+            f"{what} {path}: byte {error.start} is not UTF-8 text; save the file as UTF-8"
+        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise InputDataError(f"{what} {path}: cannot be read ({error}); check the path") from error
+    if "\0" in text:
+        raise InputDataError(
+            f"{what} {path}: character {text.index(chr(0))} is a null byte, so this is no text"
+            " file; give the text file itself"
+        )
+    if not text.strip():
+        raise InputDataError(f"{what} {path}: the file is empty; write its content first")
+    return text
