@@ -1,0 +1,199 @@
+"""``report.html``: one file, no network, no scripts, light and dark, on paper too."""
+
+import math
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from handeye_fg import frames
+from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.io.files import write_atomic
+from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.report import wording
+from handeye_fg.report.figures import drawings
+
+REPORT_NAME = "report.html"
+# Two-sided 95 % point of the normal distribution.
+_NORMAL_95 = 1.959964
+
+
+def write_report(result: Result, folder: Path) -> Path:
+    """Write ``report.html``.
+
+    Args:
+        result: what to report.
+        folder: where; made if missing.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        InputDataError: the folder cannot be written.
+    """
+    return write_atomic(Path(folder) / REPORT_NAME, render(result))
+
+
+def render(result: Result) -> str:
+    """The page as text; the same result gives the same text."""
+    source = resources.files(__package__).joinpath("template.html").read_text(encoding="utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["printable"] = wording.printable
+    template = environment.from_string(source)
+    page = template.render(_context(result))
+    # A name may hold half a surrogate pair (a file name that is not UTF-8); the page is UTF-8.
+    return page.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _context(result: Result) -> dict[str, object]:
+    """What the template shows, as text."""
+    std_rotation, std_translation = wording.standard_deviations(result)
+    matrix = result.matrix
+    return {
+        "ok": result.status == "ok",
+        "message": result.message,
+        "name": wording.transform_name(result),
+        "parent": wording.parent(result),
+        "setup": result.setup,
+        "meaning": wording.meaning(result),
+        "direction": wording.direction(result),
+        "free_directions": [
+            {
+                "kind": item.kind,
+                "vector": "" if item.kind == "scale" else ", ".join(wording.numbers(item.vector)),
+                "frame": item.frame,
+                "description": item.description,
+            }
+            for item in result.free_directions
+        ],
+        "std_rotation": wording.numbers(std_rotation, 4),
+        "std_translation": wording.numbers(std_translation, 3),
+        "interval_rotation": _interval(std_rotation, 4),
+        "interval_translation": _interval(std_translation, 3),
+        "worst_rotation": _largest(std_rotation, 4),
+        "worst_translation": _largest(std_translation, 3),
+        "matrix": [wording.numbers(row, 7) for row in matrix],
+        "matrix_text": _python_text(matrix),
+        "translation": wording.numbers(matrix[:3, 3], 6),
+        "quaternion": wording.numbers(quaternion_xyzw(matrix[:3, :3]), 7),
+        "base_T_world": [wording.numbers(row, 7) for row in result.base_T_world],
+        "convention": wording.COVARIANCE_CONVENTION,
+        "covariance": [[f"{value:.3e}" for value in row] for row in result.covariance],
+        "scale": wording.significant(result.metres_per_world_unit, 7),
+        "scale_std": wording.significant(result.metres_per_world_unit_std, 2),
+        "scale_free": wording.scale_is_free(result),
+        "noise_estimated": result.noise.estimated,
+        "noise": (
+            wording.significant(result.noise.pixel),
+            wording.significant(math.degrees(result.noise.robot_rotation)),
+            wording.significant(1000.0 * result.noise.robot_translation),
+        ),
+        "intrinsics": _intrinsics(result),
+        "start": _start(result),
+        "sfm": result.sfm,
+        "mean_reprojection": wording.number(result.sfm.mean_reprojection_px),
+        "images": [_image(image) for image in result.images],
+        "n_outliers": sum(image.outlier for image in result.images),
+        "figures": drawings(result),
+        "observability": _pairs(result.observability),
+        "timing": _pairs(result.timing_s, 1),
+        "provenance": [(key, str(value)) for key, value in sorted(result.provenance.items())],
+    }
+
+
+def _interval(sigmas: tuple[float | None, ...], digits: int) -> tuple[str, ...]:
+    """Half widths of the 95 % intervals."""
+    return tuple(
+        wording.MISSING if sigma is None else f"± {wording.number(_NORMAL_95 * sigma, digits)}"
+        for sigma in sigmas
+    )
+
+
+def _largest(sigmas: tuple[float | None, ...], digits: int) -> str | None:
+    """The largest standard deviation of the determined components; None without any."""
+    known = [sigma for sigma in sigmas if sigma is not None]
+    return wording.number(max(known), digits) if known else None
+
+
+def _python_text(matrix: Array) -> str:
+    """The matrix with all digits, as Python reads it."""
+    rows = ["[" + ", ".join(repr(float(value)) for value in row) + "]" for row in matrix]
+    return "[" + ",\n ".join(rows) + "]"
+
+
+def _intrinsics(result: Result) -> dict[str, object]:
+    camera = result.camera
+    return {
+        "model": camera.model,
+        "width": camera.width,
+        "height": camera.height,
+        "refined": result.intrinsics_refined,
+        "note": result.intrinsics_note,
+        "rows": [
+            (
+                f"{i + 1}",
+                wording.number(float(value), 6),
+                wording.significant(float(std), 2) if std > 0.0 else "fixed",
+            )
+            for i, (value, std) in enumerate(zip(camera.params, result.intrinsics_std, strict=True))
+        ],
+    }
+
+
+def _start(result: Result) -> dict[str, object]:
+    """The linear start in the same words as the final answer."""
+    initial, final = result.initial, result.matrix
+    start = initial.gripper_T_camera
+    difference = frames.inverse(start) @ final
+    return {
+        "method": initial.method,
+        "translation": _side_by_side(start[:3, 3], final[:3, 3], 6),
+        "quaternion": _side_by_side(
+            quaternion_xyzw(start[:3, :3]), quaternion_xyzw(final[:3, :3]), 6
+        ),
+        "scale": (
+            wording.significant(initial.metres_per_world_unit, 7),
+            wording.significant(result.metres_per_world_unit, 7),
+        ),
+        "residual": (
+            wording.number(math.degrees(initial.residual_rotation), 3),
+            wording.number(1000.0 * initial.residual_translation, 2),
+        ),
+        "moved_rotation": wording.number(
+            math.degrees(float(frames.rotation_angle(difference[:3, :3]))), 3
+        ),
+        "moved_translation": wording.number(
+            1000.0 * float(np.linalg.norm(final[:3, 3] - start[:3, 3])), 2
+        ),
+    }
+
+
+def _side_by_side(start: Array, final: Array, digits: int) -> tuple[str, str]:
+    return "  ".join(wording.numbers(start, digits)), "  ".join(wording.numbers(final, digits))
+
+
+def _image(image: ImageReport) -> dict[str, object]:
+    rotation, translation = image.residual_rotation, image.residual_translation
+    return {
+        "name": image.name,
+        "registered": image.registered,
+        "rotation": wording.number(None if rotation is None else math.degrees(rotation)),
+        "translation": wording.number(None if translation is None else 1000.0 * translation),
+        "reprojection": wording.number(image.reprojection_rms),
+        "outlier": image.outlier,
+        "reason": image.reason,
+    }
+
+
+def _pairs(values: Mapping[str, float], digits: int | None = None) -> list[tuple[str, str]]:
+    return [
+        (
+            key.replace("_", " "),
+            wording.significant(value, 4) if digits is None else wording.number(value, digits),
+        )
+        for key, value in values.items()
+    ]

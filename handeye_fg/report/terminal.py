@@ -1,0 +1,83 @@
+"""The summary that a person reads in the terminal after a calibration."""
+
+import math
+from pathlib import Path
+
+from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.io.results import Result
+from handeye_fg.report import wording
+
+
+def summary_text(result: Result, report: Path | None = None) -> str:
+    """The result in a page of plain text.
+
+    Args:
+        result: the result.
+        report: the page to point at, if one was written.
+    """
+    name = wording.transform_name(result)
+    std_rotation, std_translation = wording.standard_deviations(result)
+    noise = result.noise
+    lines = [
+        wording.printable(result.message),
+        "",
+        f"X = {name}",
+        *matrix_lines(result.matrix),
+        "",
+        _row("translation", "  ".join(wording.numbers(result.matrix[:3, 3], 6)) + "  m"),
+        _row(
+            "quaternion xyzw",
+            "  ".join(wording.numbers(quaternion_xyzw(result.matrix[:3, :3]), 6)),
+        ),
+        _row("std rotation", "  ".join(wording.numbers(std_rotation, 4)) + "  deg"),
+        _row("std translation", "  ".join(wording.numbers(std_translation, 3)) + "  mm"),
+        _row("", "(along the camera's x, y, z axes)"),
+        _row("scale", scale_text(result)),
+        _row(
+            "noise estimated" if noise.estimated else "noise given",
+            f"pixel {wording.significant(noise.pixel)} px, "
+            f"robot {wording.significant(math.degrees(noise.robot_rotation))} deg and "
+            f"{wording.significant(1000.0 * noise.robot_translation)} mm per axis",
+        ),
+        _row("images", _images(result)),
+    ]
+    lines += [
+        f"  {wording.printable(image.name)}: {wording.printable(image.reason)}"
+        for image in result.images
+        if image.reason
+    ]
+    if result.free_directions:
+        lines.append(_row("undetermined", ""))
+        lines += [f"  {wording.printable(item.description)}" for item in result.free_directions]
+    else:
+        lines.append(_row("undetermined", "nothing"))
+    lines += ["", wording.direction(result)]
+    if report is not None:
+        lines.append(f"Report: {wording.printable(str(report))}")
+    return "\n".join(lines)
+
+
+def matrix_lines(matrix: Array) -> list[str]:
+    """A 4x4 matrix, one row a line, columns aligned."""
+    return ["  [" + " ".join(f"{value:11.7f}" for value in row) + "]" for row in matrix]
+
+
+def scale_text(result: Result) -> str:
+    """The scale with its standard deviation."""
+    value = wording.significant(result.metres_per_world_unit, 7)
+    if wording.scale_is_free(result):
+        return f"{value} metres per world unit (undetermined)"
+    std = wording.significant(result.metres_per_world_unit_std, 2)
+    return f"{value} ± {std} metres per world unit"
+
+
+def _row(label: str, text: str) -> str:
+    return f"{label:<16} {text}".rstrip()
+
+
+def _images(result: Result) -> str:
+    outliers = sum(image.outlier for image in result.images)
+    return (
+        f"{result.sfm.n_registered} of {result.sfm.n_images} registered, "
+        f"{outliers} robot {'pose' if outliers == 1 else 'poses'} rejected"
+    )

@@ -1,0 +1,116 @@
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from handeye_fg import frames
+from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.types import CameraModel, LinearStart, NoiseLevels
+
+
+def make_result(**changes: Any) -> Result:
+    """A complete result of 18 images: one not registered, one rejected robot pose."""
+    rng = np.random.default_rng(7)
+    X = frames.pose(
+        Rotation.from_euler("xyz", [3.0, -4.0, 88.0], degrees=True).as_matrix(),
+        np.array([0.031, -0.052, 0.094]),
+    )
+    images = []
+    for i in range(17):
+        angle = 0.45 * i
+        centre = np.array([0.5 + 0.2 * np.cos(angle), 0.25 * np.sin(angle), 0.5 + 0.02 * (i % 5)])
+        z = np.array([0.5, 0.0, 0.0]) - centre
+        z /= np.linalg.norm(z)
+        x = np.cross(z, [0.2, 0.1, 1.0])
+        x /= np.linalg.norm(x)
+        rejected = i == 5
+        images.append(
+            ImageReport(
+                name=f"frame_{i:04d}.jpg",
+                registered=True,
+                base_T_camera=frames.pose(np.stack([x, np.cross(z, x), z], axis=1), centre),
+                residual_rotation=np.radians(abs(rng.normal(0.0, 0.03))) + 0.1 * rejected,
+                residual_translation=0.0004 * abs(rng.normal()) + 0.03 * rejected,
+                reprojection_rms=0.4 + 0.1 * rng.random(),
+                outlier=rejected,
+                reason="its reported pose is 31 mm from where the images put it"
+                if rejected
+                else "",
+            )
+        )
+    images.append(
+        ImageReport(
+            name="frame_0017.jpg", registered=False, reason="too few matches with other images"
+        )
+    )
+    mixing = rng.normal(size=(6, 6))
+    sigmas = np.array([4e-4, 5e-4, 2e-4, 3e-4, 2.5e-4, 4.1e-4])
+    shape = mixing @ mixing.T + 3.0 * np.eye(6)
+    correlation = shape / np.sqrt(np.outer(np.diag(shape), np.diag(shape)))
+    fields: dict[str, Any] = {
+        "status": "ok",
+        "setup": "eye-in-hand",
+        "message": "All six components of X are determined.",
+        "matrix": X,
+        "covariance": correlation * np.outer(sigmas, sigmas),
+        "free_directions": (),
+        "metres_per_world_unit": 0.23456789,
+        "metres_per_world_unit_std": 0.000123,
+        "base_T_world": frames.pose(np.eye(3), np.array([0.4, 0.1, 0.0])),
+        "noise": NoiseLevels(
+            pixel=0.43, robot_rotation=5e-4, robot_translation=3e-4, estimated=True
+        ),
+        "initial": LinearStart(
+            method="andreff_scale",
+            gripper_T_camera=X @ frames.exp(np.array([2e-3, 1e-3, -2e-3, 1e-3, 2e-3, -1e-3])),
+            base_T_world=np.eye(4),
+            metres_per_world_unit=0.23312,
+            residual_rotation=2e-3,
+            residual_translation=1.2e-3,
+        ),
+        "images": tuple(images),
+        "camera": CameraModel(
+            model="OPENCV",
+            width=1280,
+            height=960,
+            params=np.array([1090.2, 1089.7, 640.3, 479.8, -0.06, 0.03, 4e-4, -3e-4]),
+        ),
+        "intrinsics_refined": True,
+        "intrinsics_std": np.array([0.6, 0.6, 0.4, 0.4, 5e-4, 1e-3, 6e-5, 0.0]),
+        "intrinsics_note": "Refined near the values of the file, which the images contradict.",
+        "sfm": SfmSummary(
+            n_images=18,
+            n_registered=17,
+            n_points=4210,
+            n_observations=23118,
+            mean_reprojection_px=0.412,
+        ),
+        "observability": {"smallest_singular_value": 0.123, "axis_diversity": 0.71},
+        "timing_s": {"sfm": 41.2, "start": 0.1, "refinement": 6.4},
+        "provenance": {"handeye_fg": "0.1.0", "options_digest": "1f0c", "seed": 0},
+    }
+    return Result(**(fields | changes))
+
+
+@pytest.fixture
+def result() -> Result:
+    return make_result()
+
+
+@pytest.fixture
+def renamed(result: Result) -> Callable[[str], Result]:
+    """The result with another name for its first and its last image."""
+
+    def rename(name: str) -> Result:
+        first, *middle, last = result.images
+        images = (
+            dataclasses.replace(first, name=name),
+            *middle,
+            dataclasses.replace(last, name=name, reason=name),
+        )
+        return dataclasses.replace(result, images=images)
+
+    return rename
