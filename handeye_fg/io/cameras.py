@@ -1,0 +1,246 @@
+"""Camera files of ROS (camera_info) and OpenCV (FileStorage YAML) as COLMAP camera models."""
+
+import re
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.frames import Array
+from handeye_fg.io.fields import Fields, shown
+from handeye_fg.io.files import read_text
+from handeye_fg.types import CameraModel
+
+_MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "K", "k")
+_DISTORTION_KEYS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")
+_WIDTH_KEYS = ("image_width", "width", "imageWidth")
+_HEIGHT_KEYS = ("image_height", "height", "imageHeight")
+
+# Coefficients of each distortion model: k1 k2 p1 p2 k3 k4 k5 k6, thin prism (4), tilt (2).
+_LENGTHS = {
+    "none": (0,),
+    "plumb_bob": (0, 4, 5),
+    "rational_polynomial": (8, 12, 14),
+    "equidistant": (4,),
+    "fisheye": (4,),
+    "": (0, 4, 5, 8, 12, 14),
+}
+_LARGEST_SIDE = 100_000
+_LARGEST_FILE = 1_000_000  # characters; a camera file has some hundred
+_REMEDY = "correct the camera file"
+_YAML = "tag:yaml.org,2002:"
+
+# What PyYAML raises on malformed text and on tags that do not suit their value.
+_MALFORMED = (
+    yaml.YAMLError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    RecursionError,
+)
+
+
+def read_camera(path: Path) -> CameraModel:
+    """Read the intrinsics of a ROS camera_info or an OpenCV FileStorage YAML file.
+
+    Distortion is mapped without loss: none to PINHOLE, k1 k2 p1 p2 to OPENCV, up to k6 to
+    FULL_OPENCV, equidistant (fisheye) to OPENCV_FISHEYE. A file that names no distortion model has
+    OpenCV's standard one. In the file the centre of the first pixel is at (0, 0), in the returned
+    model at (0.5, 0.5).
+
+    Args:
+        path: the file.
+
+    Returns:
+        The intrinsics in pixels, in COLMAP's order.
+
+    Raises:
+        InputDataError: the file is missing, empty, not YAML or of another kind; image size, camera
+            matrix or distortion are missing or impossible; or the file has a skew, thin-prism or
+            tilt terms, binning or a region of interest, which cannot be represented.
+    """
+    fields = _parsed(path)
+    width, height = _size(fields)
+    _check_whole_image(fields, width, height)
+    fx, fy, cx, cy = _camera_matrix(fields)
+    model, coefficients = _distortion(fields)
+    return CameraModel(
+        model=model,
+        width=width,
+        height=height,
+        params=np.array([fx, fy, cx + 0.5, cy + 0.5, *coefficients]),
+    )
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain data only: no aliases, which could grow without bound, and no double keys."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node that is no alias."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.constructor.ConstructorError(None, None, "aliases are not supported")
+        return super().compose_node(parent, index)
+
+    def construct_plain(self, node: yaml.Node) -> dict[Hashable, object]:
+        """A mapping, of whatever tag, without double keys."""
+        if not isinstance(node, yaml.MappingNode):
+            raise yaml.constructor.ConstructorError(None, None, f"{node.tag} must be a mapping")
+        result: dict[Hashable, object] = self.construct_mapping(node, deep=True)
+        if len(result) != len(node.value):
+            raise yaml.constructor.ConstructorError(
+                None, None, f"a key occurs twice in the mapping in line {node.start_mark.line + 1}"
+            )
+        return result
+
+    def construct_text(self, node: yaml.ScalarNode) -> str:
+        """A scalar as it is written."""
+        return str(node.value)
+
+
+for _tag in ("map", "opencv-matrix", "opencv-nd-matrix"):
+    _Loader.add_constructor(_YAML + _tag, _Loader.construct_plain)
+_Loader.add_constructor(_YAML + "timestamp", _Loader.construct_text)
+_Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
+    _YAML + "float", re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
+def _parsed(path: Path) -> Fields:
+    """The file's only document."""
+    text = read_text(path, "camera file")
+    if len(text) > _LARGEST_FILE:
+        raise InputDataError(
+            f"camera file {path}: {len(text)} characters are too many for a camera file, at most"
+            f" {_LARGEST_FILE} were expected; give the file of the intrinsics"
+        )
+    if text.startswith("%YAML"):  # OpenCV's header is not always valid YAML
+        text = text[text.find("\n") :] if "\n" in text else ""
+    try:
+        documents = [d for d in yaml.load_all(text, Loader=_Loader) if d is not None]
+    except _MALFORMED as error:
+        reason = " ".join(str(error).split())
+        raise InputDataError(f"camera file {path}: not valid YAML ({reason}); {_REMEDY}") from error
+    if len(documents) != 1 or not isinstance(documents[0], dict):
+        found = shown(documents[0]) if len(documents) == 1 else f"{len(documents)} documents"
+        raise InputDataError(
+            f"camera file {path}: found {found}, but wanted one mapping of keys such as"
+            " camera_matrix to values; give a ROS camera_info or OpenCV YAML file"
+        )
+    values = {str(key): value for key, value in documents[0].items()}
+    return Fields(where=f"camera file {path}", remedy=_REMEDY, values=values)
+
+
+def _key(fields: Fields, keys: Sequence[str], wanted: str) -> str:
+    """The one of the synonymous keys that the file has."""
+    present = [key for key in keys if key in fields.values]
+    if not present:
+        raise InputDataError(
+            f"{fields.where}: there is no key {keys[0]}, but {wanted} is needed; add the key"
+            f" {keys[0]} (also read: {', '.join(keys[1:])})"
+        )
+    if len(present) > 1:
+        raise InputDataError(
+            f"{fields.where}: {' and '.join(present)} say the same thing; keep one of them"
+        )
+    return present[0]
+
+
+def _size(fields: Fields) -> tuple[int, int]:
+    """Image width and height."""
+    return (
+        fields.integer(
+            _key(fields, _WIDTH_KEYS, "the images' width in pixels"), least=1, most=_LARGEST_SIDE
+        ),
+        fields.integer(
+            _key(fields, _HEIGHT_KEYS, "the images' height in pixels"), least=1, most=_LARGEST_SIDE
+        ),
+    )
+
+
+def _check_whole_image(fields: Fields, width: int, height: int) -> None:
+    """Refuse images that the driver has binned or cropped: the camera matrix is of the full one."""
+    for key in ("binning_x", "binning_y"):
+        if key in fields.values and fields.integer(key) > 1:
+            raise fields.error(key, "0 or 1, as binned images do not have this camera matrix")
+    if "roi" in fields.values:
+        roi = fields.mapping("roi")
+        for key, full in (("x_offset", 0), ("y_offset", 0), ("width", width), ("height", height)):
+            if key in roi.values and roi.integer(key) not in (0, full):
+                raise roi.error(
+                    key, f"0 or {full}, as cropped images do not have this camera matrix"
+                )
+
+
+def _numbers(fields: Fields, key: str) -> Array:
+    """Numbers of a list, of a list of rows, or of a matrix with ``data``, flattened."""
+    value = fields.values[key]
+    if isinstance(value, dict):
+        matrix = fields.mapping(key)
+        numbers = matrix.array("data", (None,))
+        if "rows" in matrix.values or "cols" in matrix.values:
+            size = matrix.integer("rows"), matrix.integer("cols")
+            if size[0] * size[1] != len(numbers):
+                raise matrix.error("data", f"{size[0]} x {size[1]} numbers, as rows and cols say")
+        return numbers
+    if isinstance(value, list) and all(isinstance(row, list) for row in value):
+        value = [number for row in value for number in row]
+    return replace(fields, values={key: value}).array(key, (None,))
+
+
+def _camera_matrix(fields: Fields) -> tuple[float, float, float, float]:
+    """Focal lengths fx, fy and principal point cx, cy as in the file."""
+    key = _key(fields, _MATRIX_KEYS, "the 3x3 matrix of focal lengths and principal point")
+    numbers = _numbers(fields, key)
+    if len(numbers) != 9:
+        raise fields.error(key, f"3 x 3 numbers, not {len(numbers)}")
+    fx, skew, cx, zero, fy, cy, *last = numbers.tolist()
+    if skew != 0.0:
+        raise fields.error(
+            key, f"without skew (found {skew:g} in row 1, column 2), as no camera model here has it"
+        )
+    if zero != 0.0 or last != [0.0, 0.0, 1.0]:
+        raise fields.error(key, "fx 0 cx; 0 fy cy; 0 0 1 by rows")
+    if min(fx, fy) <= 0.0:
+        raise fields.error(key, f"of positive focal lengths, not {fx:g} and {fy:g}")
+    return fx, fy, cx, cy
+
+
+def _distortion(fields: Fields) -> tuple[str, list[float]]:
+    """COLMAP's model and its coefficients."""
+    name = ""
+    if "distortion_model" in fields.values:
+        name = fields.text("distortion_model", tuple(_LENGTHS))
+    elif "fisheye_model" in fields.values and fields.integer("fisheye_model", most=1):
+        name = "fisheye"
+    if name == "none" and not any(key in fields.values for key in _DISTORTION_KEYS):
+        return "PINHOLE", []
+    key = _key(fields, _DISTORTION_KEYS, "the list of coefficients, [] for none,")
+    numbers = _numbers(fields, key)
+    fisheye = name in ("equidistant", "fisheye")
+    if not fisheye and not numbers.any():
+        return "PINHOLE", []
+    if len(numbers) not in _LENGTHS[name]:
+        counts = " or ".join(str(n) for n in _LENGTHS[name])
+        raise fields.error(
+            key,
+            f"{counts} coefficients for distortion model {name or 'of OpenCV'!r}, not"
+            f" {len(numbers)}",
+        )
+    if fisheye:
+        return "OPENCV_FISHEYE", numbers.tolist()
+    if numbers[8:].any():
+        raise fields.error(
+            key,
+            "zero from the ninth coefficient on, as no camera model here has thin-prism or"
+            " tilt terms; calibrate with at most 8 coefficients",
+        )
+    coefficients = np.zeros(8)
+    coefficients[: len(numbers[:8])] = numbers[:8]
+    if coefficients[4:].any():
+        return "FULL_OPENCV", coefficients.tolist()
+    return "OPENCV", coefficients[:4].tolist()

@@ -1,0 +1,216 @@
+"""Image and mask files: what is in a folder, whether it can be decoded, and pairing by name."""
+
+import struct
+import warnings
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.io.fields import shown
+from handeye_fg.progress import Progress, silent
+
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
+
+# What Pillow's decoders raise on damaged files.
+_DAMAGED = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    EOFError,
+    LookupError,
+    ArithmeticError,
+    MemoryError,
+    struct.error,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pairing:
+    """Images and poses put together by name.
+
+    Attributes:
+        paired: names with an image and a pose, in the order of the images.
+        images_without_pose, poses_without_image: names that are left out.
+    """
+
+    paired: tuple[str, ...]
+    images_without_pose: tuple[str, ...]
+    poses_without_image: tuple[str, ...]
+
+
+def list_images(folder: Path) -> tuple[str, ...]:
+    """Names of the JPEG, PNG, TIFF and BMP files of a folder, sorted.
+
+    Files are chosen by suffix in upper or lower case. Subfolders and hidden files are left out.
+
+    Args:
+        folder: where the images are.
+
+    Returns:
+        The names, at least one.
+
+    Raises:
+        InputDataError: there is no such folder or no image in it.
+    """
+    try:
+        names = sorted(
+            entry.name
+            for entry in folder.iterdir()
+            if entry.suffix.lower() in SUFFIXES
+            and not entry.name.startswith(".")
+            and entry.is_file()
+        )
+    except (OSError, ValueError) as error:
+        raise InputDataError(
+            f"image folder {folder}: cannot be read ({error}); give the folder that holds the images"
+        ) from error
+    if not names:
+        raise InputDataError(
+            f"image folder {folder}: no image found, but files named {' '.join(SUFFIXES)} were"
+            " wanted; give the folder that holds the images"
+        )
+    return tuple(names)
+
+
+def check_image(path: Path) -> tuple[int, int]:
+    """Decode a whole image.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Width and height in pixels, as stored (an orientation tag is not applied).
+
+    Raises:
+        InputDataError: the file is missing, empty, truncated, damaged, of an unknown format or too
+            large to decode safely.
+    """
+    return _decoded(path, "image").size
+
+
+def read_image_set(
+    folder: Path, names: Sequence[str], progress: Progress = silent
+) -> tuple[int, int]:
+    """Check that all images can be decoded and have one size.
+
+    Args:
+        folder: where the images are.
+        names: names of the files, at least one.
+        progress: told of stage "images" after each image.
+
+    Returns:
+        Width and height in pixels.
+
+    Raises:
+        InputDataError: an image cannot be decoded, or has another size than the first.
+    """
+    size = (0, 0)
+    for k, name in enumerate(names):
+        found = check_image(folder / name)
+        if k == 0:
+            size = found
+        elif found != size:
+            raise InputDataError(
+                f"image {folder / name}: {_text(found)} pixels, but {names[0]} has {_text(size)};"
+                " give images of one camera in one resolution and orientation"
+            )
+        progress("images", k + 1, len(names))
+    return size
+
+
+def check_masks(mask_folder: Path, names: Sequence[str], size: tuple[int, int]) -> None:
+    """Check the masks ``NAME.png`` (for instance ``frame_0001.jpg.png``): white = use, black = not.
+
+    Args:
+        mask_folder: where the masks are.
+        names: image names.
+        size: width and height of the images.
+
+    Raises:
+        InputDataError: the mask of an image is missing, cannot be decoded, has another size or is
+            all black.
+    """
+    for name in names:
+        path = mask_folder / f"{name}.png"
+        if not path.is_file():
+            raise InputDataError(
+                f"mask {path}: no such file, but image {name} needs a mask; add it (white = use)"
+            )
+        mask = _decoded(path, "mask")
+        if mask.size != size:
+            raise InputDataError(
+                f"mask {path}: {_text(mask.size)} pixels, but the images have {_text(size)}; make"
+                " the mask as large as its image"
+            )
+        if mask.getbbox() is None:
+            raise InputDataError(
+                f"mask {path}: all black, so nothing of the image would be used; paint white what"
+                " is to be used, or leave the image out"
+            )
+
+
+def pair_names(images: Sequence[str], poses: Sequence[str]) -> Pairing:
+    """Pair images and poses by name, never by order.
+
+    Args:
+        images: names of the images.
+        poses: image names of the poses.
+
+    Returns:
+        What is paired, and what is left out on either side.
+
+    Raises:
+        InputDataError: nothing can be paired.
+    """
+    with_image, with_pose = set(images), set(poses)
+    paired = tuple(name for name in images if name in with_pose)
+    if not paired:
+        raise InputDataError(
+            f"no pose has the name of an image: images are named like {_example(images)}, poses"
+            f" like {_example(poses)}; write the images' file names, with suffix, into the poses"
+        )
+    return Pairing(
+        paired=paired,
+        images_without_pose=tuple(name for name in images if name not in with_pose),
+        poses_without_image=tuple(name for name in poses if name not in with_image),
+    )
+
+
+def _decoded(path: Path, what: str) -> Image.Image:
+    """The whole image; a mask as grey levels."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # remarks on metadata; the pixels are decoded here
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                image.load()
+                return image.convert("L") if what == "mask" else image
+    except FileNotFoundError as error:
+        raise InputDataError(f"{what} {path}: no such file; check the name") from error
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise InputDataError(
+            f"{what} {path}: too large to decode safely ({error}); use a smaller resolution"
+        ) from error
+    except _DAMAGED as error:
+        reason = "the file is empty" if _is_empty(path) else str(error) or type(error).__name__
+        raise InputDataError(
+            f"{what} {path}: cannot be decoded ({reason}); copy it again or leave it out"
+        ) from error
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size == 0
+
+
+def _text(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"
+
+
+def _example(names: Sequence[str]) -> str:
+    return shown(names[0]) if names else "(none)"
