@@ -1,0 +1,282 @@
+"""M5: hand-eye self-calibration with an unknown scale, linear, in two steps.
+
+N. Andreff, R. Horaud, B. Espiau, "Robot Hand-Eye Calibration using Structure-from-Motion",
+IJRR 20(3), 2001, section "Using structure-from-motion". There A is the camera's motion, B the
+robot's and X = camera_T_gripper. Here the roles are exchanged: A = gi_T_gj is the robot's motion,
+B = ci_T_cj the camera's, and X = gripper_T_camera; A X = X B in both. The camera's translation is
+known as u_B up to a factor of the whole sequence, t_B = lambda u_B:
+
+    R_A R_X = R_X R_B                                        (rotation)
+    (R_A - I) t_X - lambda R_X u_B = -t_A                    (translation)
+
+Step 1 finds R_X and keeps it orthogonal; step 2 is linear in (t_X, lambda). Where the rotations
+share one axis or vanish, the rotation equations leave R_X free about that axis or altogether; R_X
+is then completed from the translations (the paper's theorems 1 and 2 and its section on planar
+motions), and what t_X lacks is set to zero: the minimum-norm solution.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from handeye_fg.errors import InputDataError, UnobservableError
+from handeye_fg.frames import Array, orthonormalised, rotation_angle
+from handeye_fg.motions import AxisSpread, MotionPairs, axis_spread
+
+# Rotations smaller than this (rms, radians) are taken for noise of a translating robot: arms are
+# accurate to 0.02-0.4 degrees, deliberate rotations have ten degrees or more.
+NO_ROTATION = math.radians(0.5)
+# Second axis over first axis below which all rotations share one axis: 0.4 degrees of noise on
+# rotations of 30 degrees give 0.013.
+ONE_AXIS = 0.02
+# Columns are scaled to unit norm; a direction weaker than this relative to the strongest is free in
+# exact arithmetic (rounding leaves about 1e-15).
+RANK_TOLERANCE = 1e-9
+# A scale within so many of its standard deviations of zero is not determined.
+SIGNIFICANT = 3.0
+# Rotations of robot and camera that differ by more than this (median, radians) at the best R_X
+# are not those of one rigid body. The median: a few exchanged rows are another fault.
+NO_FIT = math.radians(10.0)
+# Third over first singular value above which three translations are independent enough to tell
+# a rotation from a reflection.
+SOLID = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionSolution:
+    """X and the scale from motion pairs.
+
+    Attributes:
+        gripper_T_camera: X (4, 4), metres.
+        metres_per_world_unit: the scale, positive.
+    """
+
+    gripper_T_camera: Array
+    metres_per_world_unit: float
+
+
+def andreff_scale(pairs: MotionPairs) -> MotionSolution:
+    """Solve A X = X B with an unknown scale of B's translations (method M5).
+
+    Components of t_X that the motions leave free (along the axis that all rotations share; all of
+    t_X if nothing rotates) are returned as zero.
+
+    Args:
+        pairs: robot motions A = gi_T_gj in metres, camera motions B = ci_T_cj in world units;
+            prefer wide baselines.
+
+    Returns:
+        X = gripper_T_camera and metres_per_world_unit (the paper's lambda).
+
+    Raises:
+        InputDataError: the scale came out negative: the poses follow another convention.
+        UnobservableError: R_X or the scale cannot be found from these motions: pure rotations,
+            one motion, translations along one line, or poses that are all the same.
+    """
+    if len(pairs) < 2:
+        raise UnobservableError(
+            f"{len(pairs)} motion(s) cannot determine the camera on the gripper: "
+            "two with different rotation axes are needed, ten or more poses are advised"
+        )
+    _require_camera_motion(pairs)
+    spread = axis_spread(pairs)
+    if spread.rms_rotation[0] < NO_ROTATION:
+        R_X = _rotation_from_translations(pairs)
+        found = np.zeros((3, 0))
+    elif spread.relative[1] < ONE_AXIS:
+        R_X = _rotation_about_one_axis(pairs, spread)
+        found = spread.axes[:, 1:]
+    else:
+        R_X = rotation_from_kronecker(pairs)
+        found = np.eye(3)
+    t_X, metres_per_world_unit = _translation_and_scale(pairs, R_X, found)
+    X = np.eye(4)
+    X[:3, :3] = R_X
+    X[:3, 3] = t_X
+    return MotionSolution(gripper_T_camera=X, metres_per_world_unit=metres_per_world_unit)
+
+
+def rotation_from_kronecker(pairs: MotionPairs) -> Array:
+    """R_X (3, 3) from rotations about two axes or more, by the paper's linear formulation.
+
+    The null vector of the stacked ``R_A kron I - I kron R_B^T`` on vec(R_X) by rows. The normal
+    matrix of one motion is ``2 I - (R_A kron R_B) - (R_A kron R_B)^T``, so the null vector is the
+    strongest eigenvector of the sum of the symmetric parts of ``R_A kron R_B``: memory does not
+    grow with the motions, and rotations by 180 degrees are like any other.
+    """
+    R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
+    total = np.einsum("kij,kab->iajb", R_A, R_B).reshape(9, 9)
+    _, vectors = np.linalg.eigh(total + total.T)
+    V = vectors[:, -1].reshape(3, 3)
+    # The paper rescales by sign(det V) / |det V|^(1/3); the projection needs only the sign.
+    return orthonormalised(np.copysign(1.0, np.linalg.det(V)) * V)
+
+
+def _require_camera_motion(pairs: MotionPairs) -> None:
+    """Refuse robot or camera poses that are all the same."""
+    for name, motions in (("robot", pairs.gi_T_gj), ("camera", pairs.ci_T_cj)):
+        if np.allclose(motions, np.eye(4), rtol=0.0, atol=1e-12):
+            raise UnobservableError(
+                f"the {name} did not move: its {pairs.n_poses} poses are all the same; "
+                "take the images from different poses"
+            )
+
+
+def _rotation_from_translations(pairs: MotionPairs) -> Array:
+    """R_X from translations t_A = lambda R_X u_B alone (theorems 1 and 2): orthogonal Procrustes.
+
+    Raises:
+        UnobservableError: all translations lie on one line.
+        InputDataError: the translations are mirror images of each other.
+    """
+    t_A, u_B = pairs.gi_T_gj[:, :3, 3], pairs.ci_T_cj[:, :3, 3]
+    correlation = t_A.T @ u_B
+    singular = np.linalg.svd(correlation, compute_uv=False)
+    if singular[1] < ONE_AXIS**2 * singular[0] or singular[0] == 0.0:
+        raise UnobservableError(
+            "the robot never turned and moved along one line only: the camera's orientation about "
+            "that line is not determined. Add poses that turn the gripper by 20 degrees or more "
+            "about two different axes"
+        )
+    if np.linalg.det(correlation) < 0.0 and singular[2] > SOLID * singular[0]:
+        raise InputDataError(_negative_scale())
+    return orthonormalised(correlation)
+
+
+def _rotation_about_one_axis(pairs: MotionPairs, spread: AxisSpread) -> Array:
+    """R_X where all rotations share one axis: that axis, and a turn about it from translations.
+
+    With n the axis in the gripper frame, m in the camera frame and R_0 any rotation that takes m
+    to n, R_X = Rot(n, phi) R_0. Across the axis the translation equation reads
+
+        (R_A - I) t_X - a v - b (n x v) = -t_A,   v = R_0 u_B,   (a, b) = lambda (cos, sin)(phi)
+
+    which is linear in (t_X, a, b).
+
+    Raises:
+        UnobservableError: a and b cannot be told from zero: the translations do not determine phi.
+    """
+    R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
+    n, plane = spread.axes[:, 0], spread.axes[:, 1:]
+    R_0 = _rotation_taking(_camera_axis(pairs, n), n)
+    v = pairs.ci_T_cj[:, :3, 3] @ R_0.T
+    columns = np.concatenate(
+        [(R_A - np.eye(3)) @ plane, -v[:, :, None], -np.cross(n, v)[:, :, None]], axis=2
+    )
+    # The two components across the axis.
+    across = np.einsum("xp,kxc->kpc", plane, columns).reshape(-1, 4)
+    solution, covariance = _least_squares(across, -(t_A @ plane).reshape(-1), pairs)
+    ab = solution[2:]
+    if not np.linalg.norm(ab) > SIGNIFICANT * math.sqrt(np.trace(covariance[2:, 2:])):
+        raise UnobservableError(
+            "all rotations share one axis and the gripper hardly moves across it: the camera's "
+            "orientation about that axis and the scale are not determined. Add poses that turn "
+            "the gripper by 20 degrees or more about another axis, and that move it"
+        )
+    c, s = ab / np.linalg.norm(ab)
+    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
+    turn = c * np.eye(3) + s * cross + (1.0 - c) * np.outer(n, n)
+    return orthonormalised(turn @ R_0)
+
+
+def _camera_axis(pairs: MotionPairs, n: Array) -> Array:
+    """The common axis of the camera's rotations, with the sense of the gripper's axis n.
+
+    sin(angle) axis is the vector of the antisymmetric part; where all angles are 180 degrees it
+    vanishes and either sense of the axis fits the rotations.
+    """
+    R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
+    # R_B + R_B^T = 2 cos I + 2 (1 - cos) m m^T: m is the strongest eigenvector of the sum.
+    _, vectors = np.linalg.eigh(np.sum(R_B + np.swapaxes(R_B, 1, 2), axis=0))
+    m = np.asarray(vectors[:, -1])
+    agreement = np.sum((_antisymmetric(R_A) @ n) * (_antisymmetric(R_B) @ m))
+    return m if agreement >= 0.0 else -m
+
+
+def _antisymmetric(R: Array) -> Array:
+    """sin(angle) axis (k, 3) of rotation matrices (k, 3, 3)."""
+    return 0.5 * np.stack(
+        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
+    )
+
+
+def _rotation_taking(m: Array, n: Array) -> Array:
+    """A rotation matrix that takes the unit vector m to the unit vector n."""
+
+    def with_first_column(vector: Array) -> Array:
+        q, _ = np.linalg.qr(np.column_stack([vector, np.eye(3)]))
+        q[:, 0] = vector
+        q[:, 2] = np.cross(q[:, 0], q[:, 1])
+        return q
+
+    return with_first_column(n) @ with_first_column(m).T
+
+
+def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tuple[Array, float]:
+    """Step 2: ``[R_A - I, -R_X u_B] [t_X; lambda] = -t_A`` by linear least squares.
+
+    The residual is in metres, the same for each pair, so the equations are not weighted.
+
+    Args:
+        pairs: the motions.
+        R_X: rotation (3, 3) of X.
+        found: basis (3, d) of the directions of t_X that the rotations determine.
+
+    Raises:
+        InputDataError: the scale is negative.
+        UnobservableError: the scale cannot be told from zero.
+    """
+    R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
+    v = pairs.ci_T_cj[:, :3, 3] @ R_X.T
+    columns = np.concatenate([(R_A - np.eye(3)) @ found, -v[:, :, None]], axis=2)
+    solution, covariance = _least_squares(
+        columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs
+    )
+    scale, sigma = float(solution[-1]), math.sqrt(covariance[-1, -1])
+    if not abs(scale) > SIGNIFICANT * sigma:
+        R_B = pairs.ci_T_cj[:, :3, :3]
+        misfit = rotation_angle(np.swapaxes(R_A @ R_X, 1, 2) @ (R_X @ R_B))
+        if float(np.median(misfit)) > NO_FIT:
+            raise InputDataError(
+                "the robot's rotations are not those of the camera, whatever its mounting: the "
+                "robot poses follow another convention (inverted, transposed, other quaternion or "
+                "Euler order) or their rows are shifted against the images; check the pose format"
+            )
+        raise UnobservableError(
+            "the scale is not determined: the gripper only turned about its own origin, or moved "
+            "too little against the noise. Add poses that move it by a tenth of a metre or more"
+        )
+    if scale < 0.0:
+        raise InputDataError(_negative_scale())
+    return found @ solution[:-1], scale
+
+
+def _negative_scale() -> str:
+    return (
+        "the scale came out negative, which no camera can have: the robot poses follow another "
+        "convention (inverted, transposed, wrong units, or rows shifted against the images); "
+        "check the pose format and that each image has its own pose"
+    )
+
+
+def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Array, Array]:
+    """Minimum-norm solution (d,) and its covariance (d, d); infinite where it is free.
+
+    Pairs that share poses repeat the same noise: n poses hold n - 1 independent motions, and the
+    covariance is enlarged accordingly.
+    """
+    norms = np.linalg.norm(matrix, axis=0)
+    norms[norms == 0.0] = 1.0
+    u, singular, vt = np.linalg.svd(matrix / norms, full_matrices=False)
+    # Rounding of the data is as large as the largest of the entries, whatever the column's norm.
+    free = singular <= RANK_TOLERANCE * max(singular[0], 1.0)
+    weights = np.where(free, 0.0, 1.0 / np.where(free, 1.0, singular))
+    solution = (vt.T * weights) @ (u.T @ right)
+    squares = float(np.sum((matrix / norms @ solution - right) ** 2))
+    repetition = max(1.0, len(pairs) / (pairs.n_poses - 1))
+    variance = repetition * squares / max(1, len(right) - len(solution))
+    covariance = (vt.T * (variance * weights**2)) @ vt
+    touched = np.any(np.abs(vt[free]) > math.sqrt(RANK_TOLERANCE), axis=0)
+    covariance[touched, touched] = np.inf
+    return solution / norms, covariance / np.outer(norms, norms)
