@@ -1,0 +1,139 @@
+"""One function for each measurement type; each returns a small graph, the caller adds them up."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import gtsam
+import numpy as np
+
+from factors import robot_pose_factor
+from handeye_fg.frames import Array
+from handeye_fg.graph.variables import (
+    BASE_T_WORLD,
+    GRIPPER_T_CAMERA,
+    INTRINSICS,
+    LOG_SCALE,
+    State,
+    calibration,
+    camera_key,
+    point_key,
+)
+from handeye_fg.types import Tracks
+
+Gauge = Literal["base", "first camera"]
+
+_SKEW_SIGMA = 1e-6  # no camera model of the files has a skew; GTSAM's always has one
+# Prior of X for directions that the motion leaves free: so wide that it changes no determined one.
+_WIDE_PRIOR_SIGMA = 10.0
+
+
+def pose_sigmas(rotation: float, translation: float) -> Array:
+    """Sigmas (6,) of a pose in GTSAM's order: rotation in radians, then translation in metres."""
+    return np.repeat([rotation, translation], 3)
+
+
+def reprojection_graph(
+    tracks: Tracks, sigmas: Array, opencv_params: Array, *, with_intrinsics: bool
+) -> gtsam.NonlinearFactorGraph:
+    """Observations of points: predicted minus observed pixel.
+
+    Args:
+        tracks: observations; all of them are used.
+        sigmas: standard deviation (m,) of each observation, pixels.
+        opencv_params: intrinsics (8,) where they are fixed.
+        with_intrinsics: whether the intrinsics are unknowns.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    models = {s: gtsam.noiseModel.Isotropic.Sigma(2, float(s)) for s in np.unique(sigmas)}
+    rows = zip(
+        tracks.image_index.tolist(),
+        tracks.point_index.tolist(),
+        tracks.pixels,
+        sigmas.tolist(),
+        strict=True,
+    )
+    if with_intrinsics:
+        for i, j, pixel, sigma in rows:
+            graph.push_back(
+                gtsam.GeneralSFMFactor2Cal3DS2(
+                    pixel, models[sigma], camera_key(i), point_key(j), INTRINSICS
+                )
+            )
+        return graph
+    fixed = calibration(opencv_params)
+    for i, j, pixel, sigma in rows:
+        graph.push_back(
+            gtsam.GenericProjectionFactorCal3DS2(
+                pixel, models[sigma], camera_key(i), point_key(j), fixed
+            )
+        )
+    return graph
+
+
+def robot_graph(base_T_gripper: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
+    """Reported robot poses (n, 4, 4) as measurements with the robot's noise, sigmas (6,)."""
+    model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    graph = gtsam.NonlinearFactorGraph()
+    for i, reported in enumerate(base_T_gripper):
+        graph.push_back(
+            robot_pose_factor(
+                camera_key(i),
+                GRIPPER_T_CAMERA,
+                BASE_T_WORLD,
+                LOG_SCALE,
+                gtsam.Pose3(reported),
+                model,
+            )
+        )
+    return graph
+
+
+def gauge_graph(state: State, gauge: Gauge) -> gtsam.NonlinearFactorGraph:
+    """Fix the seven freedoms of the SfM world: six by a pose, one by the scale.
+
+    The measurements do not change along the gauge, so these seven residuals are exactly zero at the
+    optimum whatever their weight, and X, its covariance and every other quantity that does not
+    depend on the gauge come out the same. The weight is therefore chosen for the optimiser, which
+    is slowed down by stiff factors: each freedom may move about as much as the scene is large.
+
+    Args:
+        state: the values at which the gauge is held.
+        gauge: which pose holds it: Z = base_T_world, or the first camera.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    graph.addPriorDouble(LOG_SCALE, state.log_scale, gtsam.noiseModel.Isotropic.Sigma(1, 1.0))
+    extent = float(np.ptp(state.world_T_camera[:, :3, 3], axis=0).max())
+    if gauge == "base":
+        metres = extent * float(np.exp(state.log_scale))
+        model = gtsam.noiseModel.Diagonal.Sigmas(pose_sigmas(1.0, metres))
+        graph.addPriorPose3(BASE_T_WORLD, gtsam.Pose3(state.base_T_world), model)
+    else:
+        model = gtsam.noiseModel.Diagonal.Sigmas(pose_sigmas(1.0, extent))
+        graph.addPriorPose3(camera_key(0), gtsam.Pose3(state.world_T_camera[0]), model)
+    return graph
+
+
+def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
+    """Hold X where the motion leaves it free, without weight where the motion determines it."""
+    graph = gtsam.NonlinearFactorGraph()
+    model = gtsam.noiseModel.Isotropic.Sigma(6, _WIDE_PRIOR_SIGMA)
+    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera), model)
+    return graph
+
+
+def intrinsics_graph(opencv_params: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
+    """Prior on the intrinsics (8,) with standard deviations (8,); the skew stays zero."""
+    graph = gtsam.NonlinearFactorGraph()
+    model = gtsam.noiseModel.Diagonal.Sigmas(np.insert(sigmas, 2, _SKEW_SIGMA))
+    graph.push_back(
+        gtsam.PriorFactorCal3DS2(INTRINSICS, calibration(opencv_params), model)
+    )
+    return graph
+
+
+def joined(graphs: Sequence[gtsam.NonlinearFactorGraph]) -> gtsam.NonlinearFactorGraph:
+    """The sum of the graphs."""
+    total = gtsam.NonlinearFactorGraph()
+    for graph in graphs:
+        total.push_back(graph)
+    return total

@@ -1,0 +1,80 @@
+"""Levenberg-Marquardt on a factor graph, step by step, with the failures that GTSAM keeps silent."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from handeye_fg.errors import ConvergenceError
+from handeye_fg.progress import Progress
+
+# A step that lowers the cost by less than this part of it moves X by a small fraction of its
+# standard deviation: near the optimum the cost is quadratic, and with the cost near half the number
+# of observations N, a drop of 1e-8 N corresponds to sqrt(2e-8 N) sigma in all directions together.
+_RELATIVE_TOLERANCE = 1e-8
+_FIRST_DAMPING = 1e-6  # the start is already an optimum of the images alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Optimum:
+    """Where an optimisation ended."""
+
+    values: gtsam.Values
+    iterations: int
+    initial_cost: float
+    final_cost: float
+    converged: bool
+
+
+def optimise(
+    graph: gtsam.NonlinearFactorGraph,
+    start: gtsam.Values,
+    ordering: gtsam.Ordering,
+    *,
+    max_iterations: int,
+    progress: Progress,
+    done: int = 0,
+) -> Optimum:
+    """Minimise the graph's cost from ``start``.
+
+    Args:
+        graph: the measurements.
+        start: first values of all unknowns.
+        ordering: elimination ordering of all keys.
+        max_iterations: stop after as many steps.
+        progress: told the number of iterations.
+        done: iterations of earlier optimisations, for ``progress``.
+
+    Raises:
+        ConvergenceError: the cost is not finite at the start or after a step.
+    """
+    params = gtsam.LevenbergMarquardtParams()
+    params.setOrdering(ordering)
+    params.setlambdaInitial(_FIRST_DAMPING)
+    initial = float(graph.error(start))
+    if not np.isfinite(initial):
+        raise ConvergenceError(
+            "the joint refinement cannot start: a residual is not finite at the linear start; "
+            "check the robot poses and the reconstruction"
+        )
+    optimiser = gtsam.LevenbergMarquardtOptimizer(graph, start, params)
+    cost, iterations, converged = initial, 0, False
+    while iterations < max_iterations and not converged:
+        optimiser.iterate()
+        iterations += 1
+        progress("iterations", done + iterations, None)
+        new_cost = float(optimiser.error())
+        if not np.isfinite(new_cost):
+            raise ConvergenceError(
+                f"the joint refinement diverged in iteration {iterations}: its cost is not finite; "
+                "check the robot poses and the reconstruction"
+            )
+        converged = cost - new_cost <= _RELATIVE_TOLERANCE * max(cost, 1e-12)
+        cost = new_cost
+    return Optimum(
+        values=optimiser.values(),
+        iterations=iterations,
+        initial_cost=initial,
+        final_cost=cost,
+        converged=converged,
+    )

@@ -1,0 +1,164 @@
+"""The linearised problem with the points eliminated: small, dense, and all that statistics need.
+
+The shared unknowns are the camera poses, X, Z, the logarithm of the scale and, where refined, the
+intrinsics. Image observations enter as one quadratic form (their points eliminated by GTSAM), robot
+poses as Jacobian rows, so that covariances for other noise levels need no new elimination.
+"""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye_fg.errors import ConvergenceError
+from handeye_fg.frames import Array
+from handeye_fg.graph.variables import (
+    BASE_T_WORLD,
+    CALIBRATION_DIM,
+    GRIPPER_T_CAMERA,
+    INTRINSICS,
+    LOG_SCALE,
+    point_key,
+    shared_keys,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """Where each shared unknown stands in the vector of shared unknowns."""
+
+    n_cameras: int
+    with_intrinsics: bool
+
+    @property
+    def dim(self) -> int:
+        """Length of the vector."""
+        return 6 * self.n_cameras + 13 + (CALIBRATION_DIM if self.with_intrinsics else 0)
+
+    def columns(self, key: int) -> NDArray[np.int64]:
+        """Indices of an unknown's tangent, in GTSAM's order."""
+        start, size = {
+            GRIPPER_T_CAMERA: (0, 6),
+            BASE_T_WORLD: (6, 6),
+            LOG_SCALE: (12, 1),
+            INTRINSICS: (13, CALIBRATION_DIM),
+        }.get(key, (None, 6))
+        first = 6 * (gtsam.symbolIndex(key) if start is None else self.n_cameras) + (start or 0)
+        return np.arange(first, first + size)
+
+    @property
+    def x_columns(self) -> NDArray[np.int64]:
+        """Indices of X's tangent."""
+        return self.columns(GRIPPER_T_CAMERA)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quadratic:
+    """``1/2 (d' H d - 2 g' d + constant)``, the cost of some measurements around an estimate."""
+
+    hessian: Array
+    gradient: Array
+    constant: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Measurements that were not summed up: ``residual + jacobian d`` by image.
+
+    Attributes:
+        jacobian: (n, 6, k) with respect to the unknowns in ``columns``.
+        residual: (n, 6), rotation in radians, then translation in metres.
+        columns: (n, k).
+    """
+
+    jacobian: Array
+    residual: Array
+    columns: NDArray[np.int64]
+
+
+def eliminate_points(
+    reprojections: gtsam.GaussianFactorGraph, n_points: int, layout: Layout
+) -> Quadratic:
+    """The reprojections as a quadratic form in the shared unknowns that they touch.
+
+    Raises:
+        ConvergenceError: a point is not determined by its observations.
+    """
+    ordering = gtsam.Ordering()
+    for j in range(n_points):
+        ordering.push_back(point_key(j))
+    try:
+        _, rest = reprojections.eliminatePartialMultifrontal(ordering)
+    except RuntimeError as error:
+        raise ConvergenceError(
+            "a scene point is not determined by its observations after the refinement; "
+            "the reconstruction is too weak, add images"
+        ) from error
+    seen = set(rest.keyVector())
+    keys = [
+        key
+        for key in shared_keys(layout.n_cameras, with_intrinsics=layout.with_intrinsics)
+        if key in seen
+    ]
+    order = gtsam.Ordering()
+    for key in keys:
+        order.push_back(key)
+    dense = np.asarray(rest.augmentedHessian(order))
+    columns = np.concatenate([layout.columns(key) for key in keys])
+    hessian = np.zeros((layout.dim, layout.dim))
+    hessian[np.ix_(columns, columns)] = dense[:-1, :-1]
+    gradient = np.zeros(layout.dim)
+    gradient[columns] = dense[:-1, -1]
+    return Quadratic(hessian=hessian, gradient=gradient, constant=float(dense[-1, -1]))
+
+
+def priors(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
+    """Factors on the shared unknowns, summed up."""
+    hessian = np.zeros((layout.dim, layout.dim))
+    gradient = np.zeros(layout.dim)
+    constant = 0.0
+    for k in range(linear.size()):
+        factor = linear.at(k)
+        jacobian, right = factor.jacobian()
+        columns = np.concatenate([layout.columns(key) for key in factor.keys()])
+        hessian[np.ix_(columns, columns)] += jacobian.T @ jacobian
+        gradient[columns] += jacobian.T @ right.ravel()
+        constant += float(right.ravel() @ right.ravel())
+    return Quadratic(hessian=hessian, gradient=gradient, constant=constant)
+
+
+def robot_rows(linear: gtsam.GaussianFactorGraph, sigmas: Array, layout: Layout) -> Rows:
+    """Robot factors in natural units, their whitening by ``sigmas`` (6,) undone."""
+    jacobians, residuals, columns = [], [], []
+    for k in range(linear.size()):
+        factor = linear.at(k)
+        jacobian, right = factor.jacobian()
+        jacobians.append(sigmas[:, None] * jacobian)
+        residuals.append(-sigmas * right.ravel())
+        columns.append(np.concatenate([layout.columns(key) for key in factor.keys()]))
+    return Rows(
+        jacobian=np.array(jacobians), residual=np.array(residuals), columns=np.array(columns)
+    )
+
+
+def scatter(rows: Rows, weights: Array, dim: int) -> tuple[Array, Array]:
+    """Information matrix (dim, dim) and vector (dim,) of rows with weights (6,) by component."""
+    hessian, gradient = np.zeros((dim, dim)), np.zeros(dim)
+    weighted = rows.jacobian * weights[:, None]
+    for jacobian, residual, w_jacobian, columns in zip(
+        rows.jacobian, rows.residual, weighted, rows.columns, strict=True
+    ):
+        hessian[np.ix_(columns, columns)] += jacobian.T @ w_jacobian
+        gradient[columns] -= w_jacobian.T @ residual
+    return hessian, gradient
+
+
+def predicted_covariance(rows: Rows, covariance: Array) -> Array:
+    """Covariance (n, 6, 6) of the rows' predictions, from that of the shared unknowns."""
+    return np.array(
+        [
+            jacobian @ covariance[np.ix_(columns, columns)] @ jacobian.T
+            for jacobian, columns in zip(rows.jacobian, rows.columns, strict=True)
+        ]
+    )

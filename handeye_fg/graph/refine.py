@@ -1,0 +1,284 @@
+"""Joint refinement of points, camera poses, X, Z, scale and intrinsics; entry point ``refine``."""
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from handeye_fg import frames
+from handeye_fg.errors import ReconstructionError
+from handeye_fg.frames import Array
+from handeye_fg.graph import measurements as m
+from handeye_fg.graph.noise import NoiseEstimate, estimate_noise, known_levels
+from handeye_fg.graph.optimise import optimise
+from handeye_fg.graph.reduced import (
+    Layout,
+    Rows,
+    eliminate_points,
+    priors,
+    robot_rows,
+)
+from handeye_fg.graph.summary import Refinement, reprojection_errors, summarise
+from handeye_fg.graph.variables import (
+    State,
+    from_values,
+    ordering,
+    to_values,
+)
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.progress import Progress
+from handeye_fg.types import LinearStart, NoiseLevels, SfmModel, Tracks
+
+_GAUGE_DIM = 7
+# Observations further than this from their prediction are mismatches: of Gaussian ones 0.03 % are.
+_REJECTION_SIGMAS = 4.0
+# Two lines of sight that meet at 1.2 degrees; a smaller angle leaves the depth to the noise.
+_MIN_PARALLAX = 0.01
+_MAX_ROUNDS = 8
+_NOISE_CONVERGED = 0.01  # relative; the sigmas' own uncertainty is larger
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IntrinsicsPrior:
+    """Intrinsics as unknowns with a prior.
+
+    Attributes:
+        params: OPENCV parameters (8,), centre of the prior.
+        sigmas: standard deviations (8,).
+    """
+
+    params: Array
+    sigmas: Array
+
+
+def start_state(model: SfmModel, opencv_params: Array, linear: LinearStart) -> State:
+    """The SfM model and the linear start as first values."""
+    return State(
+        world_T_camera=model.world_T_camera,
+        points_world=model.tracks.points_world,
+        gripper_T_camera=linear.gripper_T_camera,
+        base_T_world=linear.base_T_world,
+        log_scale=float(np.log(linear.metres_per_world_unit)),
+        opencv_params=opencv_params,
+    )
+
+
+def _parallax(state: State, tracks: Tracks, kept: Array) -> Array:
+    """Root mean square angle (p,) of each point's lines of sight to their mean direction, radians.
+
+    Zero for a point that is seen once or never.
+    """
+    points = tracks.point_index[kept]
+    lines = state.points_world[points] - state.world_T_camera[tracks.image_index[kept], :3, 3]
+    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+    n_points = len(state.points_world)
+    total = np.stack([np.bincount(points, axis, n_points) for axis in lines.T], axis=1)
+    mean = total / np.maximum(np.bincount(points, minlength=n_points), 1)[:, None]
+    cosine_squared = np.sum(mean**2, axis=1)
+    return np.where(cosine_squared > 0, np.sqrt(np.clip(1.0 - cosine_squared, 0.0, None)), 0.0)
+
+
+def _without_mismatches(
+    state: State, tracks: Tracks, sigma_scale: Array
+) -> tuple[State, Tracks, Array, float]:
+    """Leave out mismatches, and the points whose depth is then no longer determined.
+
+    Returns:
+        State and tracks of what is left, which observations these are (m,), and their robust sigma
+        in pixels.
+
+    Raises:
+        ReconstructionError: too few are left to determine cameras and points.
+    """
+    errors = reprojection_errors(state, tracks) / sigma_scale[:, None]
+    finite = np.isfinite(errors).all(axis=1)
+    sigma = float(1.4826 * np.median(np.abs(errors[finite])))
+    kept = finite & (np.linalg.norm(errors, axis=1) <= _REJECTION_SIGMAS * max(sigma, 1e-6))
+    kept &= (_parallax(state, tracks, kept) >= _MIN_PARALLAX)[tracks.point_index]
+    used, point_index = np.unique(tracks.point_index[kept], return_inverse=True)
+    points = state.points_world[used]
+    left = Tracks(
+        points_world=points,
+        image_index=tracks.image_index[kept],
+        point_index=point_index,
+        pixels=tracks.pixels[kept],
+    )
+    n_images = len(state.world_T_camera)
+    if 2 * len(left.pixels) < 3 * len(points) + 6 * n_images:
+        raise ReconstructionError(
+            f"only {len(left.pixels)} observations of {len(points)} points are left in {n_images} "
+            "images, too few to refine; take sharper, more textured or more overlapping images"
+        )
+    return replace(state, points_world=points), left, kept, max(sigma, 1e-6)
+
+
+def _first_noise(state: State, base_T_gripper: Array, pixel: float) -> NoiseLevels:
+    """Levels from the residuals at the start."""
+    scale = float(np.exp(state.log_scale))
+    gripper = (
+        state.base_T_world
+        @ frames.scaled(state.world_T_camera, scale)
+        @ frames.inverse(state.gripper_T_camera)
+    )
+    residuals = frames.log(frames.inverse(base_T_gripper) @ gripper)
+    rms = np.sqrt(np.mean(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
+    return NoiseLevels(
+        pixel=pixel,
+        robot_rotation=float(max(rms[0], 1e-6)),
+        robot_translation=float(max(rms[1], 1e-7)),
+        estimated=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Problem:
+    """One choice of observations, their part of the graph (built once), and what does not change.
+
+    The sigmas of the observations have the unit ``pixel_unit_px``. When the noise levels change, the
+    graph is not built again: only the ratios of the levels matter to the optimum, so the metric
+    measurements are scaled instead.
+    """
+
+    tracks: Tracks
+    reprojections: gtsam.NonlinearFactorGraph
+    gauge: gtsam.NonlinearFactorGraph
+    base_T_gripper: Array
+    intrinsics: IntrinsicsPrior | None
+    pixel_unit_px: float
+    layout: Layout
+
+    def robot(self, noise: NoiseLevels, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+        sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
+        return m.robot_graph(self.base_T_gripper, unit * sigmas)
+
+    def priors(self, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+        if self.intrinsics is None:
+            return self.gauge
+        prior = self.intrinsics
+        return m.joined([self.gauge, m.intrinsics_graph(prior.params, unit * prior.sigmas)])
+
+    def graph(self, noise: NoiseLevels) -> gtsam.NonlinearFactorGraph:
+        unit = self.pixel_unit_px / noise.pixel
+        return m.joined([self.reprojections, self.robot(noise, unit), self.priors(unit)])
+
+    def statistics(
+        self, values: gtsam.Values, noise: NoiseLevels, options: NoiseOptions
+    ) -> tuple[NoiseEstimate, Rows]:
+        """Noise levels, and with them the covariance, of the problem linearised at ``values``."""
+        points = len(self.tracks.points_world)
+        linear = self.reprojections.linearize(values)
+        rows = robot_rows(
+            self.robot(noise).linearize(values),
+            m.pose_sigmas(noise.robot_rotation, noise.robot_translation),
+            self.layout,
+        )
+        estimate = estimate_noise(
+            eliminate_points(linear, points, self.layout),
+            2 * len(self.tracks.pixels),
+            3 * points,
+            rows,
+            priors(self.priors().linearize(values), self.layout),
+            _GAUGE_DIM,
+            noise,
+            self.pixel_unit_px,
+            known_levels(options),
+            self.layout,
+        )
+        return estimate, rows
+
+
+def _problem(
+    state: State,
+    tracks: Tracks,
+    sigma_scale: Array,
+    sigma: float,
+    base_T_gripper: Array,
+    gauge: m.Gauge,
+    intrinsics: IntrinsicsPrior | None,
+) -> _Problem:
+    with_intrinsics = intrinsics is not None
+    return _Problem(
+        tracks=tracks,
+        reprojections=m.reprojection_graph(
+            tracks, sigma * sigma_scale, state.opencv_params, with_intrinsics=with_intrinsics
+        ),
+        gauge=m.joined([m.gauge_graph(state, gauge), m.wide_prior_graph(state)]),
+        base_T_gripper=base_T_gripper,
+        intrinsics=intrinsics,
+        pixel_unit_px=sigma,
+        layout=Layout(n_cameras=len(state.world_T_camera), with_intrinsics=with_intrinsics),
+    )
+
+
+def _change(before: NoiseLevels, after: NoiseLevels) -> float:
+    """Largest relative change of a level."""
+    pairs = (
+        (before.pixel, after.pixel),
+        (before.robot_rotation, after.robot_rotation),
+        (before.robot_translation, after.robot_translation),
+    )
+    return max(abs(float(np.log(a / b))) for a, b in pairs)
+
+
+def refine(
+    model: SfmModel,
+    base_T_gripper: Array,
+    start: State,
+    *,
+    intrinsics: IntrinsicsPrior | None,
+    sigma_scale: Array | None = None,
+    noise: NoiseOptions,
+    options: GraphOptions,
+    progress: Progress,
+    gauge: m.Gauge = "base",
+    frame: str = "gripper",
+) -> Refinement:
+    """Refine everything together and estimate the noise levels with it.
+
+    Args:
+        model: tracks, and the SfM poses that define the world's unit.
+        base_T_gripper: reported robot poses (n, 4, 4), metres, one for each image of the model.
+        start: first values; its ``opencv_params`` describe the view in which the tracks are.
+        intrinsics: prior of the intrinsics, None to keep them fixed.
+        sigma_scale: relative standard deviation (m,) of each observation; None: all the same.
+        noise: the levels that the user knows.
+        options: of the optimiser.
+        progress: told the number of iterations.
+        gauge: what holds the world; no reported figure depends on it.
+        frame: parent frame of X, for messages.
+
+    Raises:
+        ReconstructionError: too few observations are left.
+        ConvergenceError: no finite optimum.
+    """
+    scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
+    state, tracks, levels, iterations = start, model.tracks, None, 0
+    # The first pass finds the mismatches that hide behind a wrong start, the second one is final.
+    for final in (False, True):
+        state, tracks, kept, sigma = _without_mismatches(state, tracks, scales)
+        scales = scales[kept]
+        levels = levels or _first_noise(state, base_T_gripper, sigma)
+        problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
+        with_intrinsics = intrinsics is not None
+        order = ordering(
+            len(base_T_gripper), len(tracks.points_world), with_intrinsics=with_intrinsics
+        )
+        values = to_values(state, with_intrinsics=with_intrinsics)
+        for _ in range(_MAX_ROUNDS if final else 1):
+            optimum = optimise(
+                problem.graph(levels),
+                values,
+                order,
+                max_iterations=options.max_iterations,
+                progress=progress,
+                done=iterations,
+            )
+            values, iterations = optimum.values, iterations + optimum.iterations
+            estimate, rows = problem.statistics(values, levels, noise)
+            change, levels = _change(levels, estimate.noise), estimate.noise
+            if change < _NOISE_CONVERGED:
+                break
+        state = from_values(values, state, with_intrinsics=with_intrinsics)
+    return summarise(
+        model, tracks, state, estimate, rows, problem.layout, iterations, optimum.converged, frame
+    )

@@ -1,0 +1,175 @@
+"""From the optimum to the figures that a result reports; none of them depends on the gauge."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from handeye_fg import frames
+from handeye_fg.frames import Array
+from handeye_fg.graph.noise import NoiseEstimate
+from handeye_fg.graph.observability import Observability, analyse
+from handeye_fg.graph.reduced import Layout, Rows
+from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
+from handeye_fg.types import NoiseLevels, SfmModel, Tracks
+
+_FALSE_ALARM = 1e-3  # probability that any pose of a good set is called an outlier
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Refinement:
+    """The optimum and its statistics; images in the order of the SfM model.
+
+    Attributes:
+        state: refined values.
+        observability: covariance of X, and what is free.
+        metres_per_world_unit, metres_per_world_unit_std: the refined cameras' root mean square
+            distance from their centre in metres, over the same in the SfM model.
+        base_T_camera: refined camera poses (n, 4, 4), metres.
+        base_T_world: the SfM model's world in the base, metres.
+        intrinsics_std: standard deviations (8,) of ``state.opencv_params``; zeros where fixed.
+        intrinsics_covariance: (8, 8) of the same, zeros where fixed.
+        noise: levels found or given.
+        redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
+        residuals: (n, 6) reported robot pose against the refined one, radians and metres.
+        outliers: (n,) whether a robot pose disagrees with the rest beyond its noise.
+        reprojection_rms: (n,) pixels.
+        n_points, n_observations: used in the end.
+        iterations: of the optimiser, in all rounds.
+        converged: whether the last round did.
+    """
+
+    state: State
+    observability: Observability
+    metres_per_world_unit: float
+    metres_per_world_unit_std: float
+    base_T_camera: Array
+    base_T_world: Array
+    intrinsics_covariance: Array
+    noise: NoiseLevels
+    redundancy: tuple[float, float, float]
+    residuals: Array
+    outliers: NDArray[np.bool_]
+    reprojection_rms: Array
+    n_points: int
+    n_observations: int
+    iterations: int
+    converged: bool
+
+
+def reprojection_errors(state: State, tracks: Tracks) -> Array:
+    """Predicted minus observed pixels (m, 2); NaN for a point behind its camera."""
+    camera_T_world = frames.inverse(state.world_T_camera)[tracks.image_index]
+    points = state.points_world[tracks.point_index]
+    in_camera = np.einsum("nij,nj->ni", camera_T_world[:, :3, :3], points)
+    in_camera += camera_T_world[:, :3, 3]
+    fx, fy, cx, cy, *distortion = state.opencv_params
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    projected, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), K, np.array(distortion))
+    errors = projected.reshape(-1, 2) - tracks.pixels
+    errors[in_camera[:, 2] <= 0] = np.nan
+    return np.asarray(errors)
+
+
+def _spread(world_T_camera: Array) -> float:
+    """Root mean square distance of the camera centres from their mean."""
+    return float(np.sqrt(np.mean(np.sum(_centred(world_T_camera) ** 2, axis=1))))
+
+
+def _centred(world_T_camera: Array) -> Array:
+    centres = world_T_camera[:, :3, 3]
+    return np.asarray(centres - centres.mean(axis=0))
+
+
+def _spread_gradient(world_T_camera: Array) -> Array:
+    """Derivative (n, 3) of ln(spread) by the translation part of each camera's tangent."""
+    centred = _centred(world_T_camera)
+    in_camera = np.einsum("nji,nj->ni", world_T_camera[:, :3, :3], centred)
+    return np.asarray(in_camera / np.sum(centred**2))
+
+
+def _aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:
+    """The rigid transform base_T_metric that best carries one set of cameras to the other."""
+    rotation = frames.orthonormalised(
+        np.einsum("nij,nkj->ik", base_T_camera[:, :3, :3], metric_T_camera[:, :3, :3])
+    )
+    offsets = base_T_camera[:, :3, 3] - metric_T_camera[:, :3, 3] @ rotation.T
+    return frames.pose(rotation, offsets.mean(axis=0))
+
+
+def _image_rms(errors: Array, tracks: Tracks, n_images: int) -> Array:
+    """Root mean square length of the reprojection errors by image, pixels."""
+    squares = np.bincount(tracks.image_index, np.sum(errors**2, axis=1), minlength=n_images)
+    counts = np.bincount(tracks.image_index, minlength=n_images)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
+
+
+def _outliers(rows: Rows, covariance: Array) -> NDArray[np.bool_]:
+    """Robot poses whose residual is too improbable for its covariance (n, 6, 6)."""
+    scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
+    shaped = covariance / (scale[:, :, None] * scale[:, None, :])
+    whitened = np.einsum("nij,nj->ni", np.linalg.pinv(shaped, hermitian=True), rows.residual / scale)
+    squares = np.sum(whitened * rows.residual / scale, axis=1)
+    limit = stats.chi2.isf(_FALSE_ALARM / len(squares), 6)
+    return np.asarray(squares > limit)
+
+
+def summarise(
+    model: SfmModel,
+    tracks: Tracks,
+    state: State,
+    estimate: NoiseEstimate,
+    rows: Rows,
+    layout: Layout,
+    iterations: int,
+    converged: bool,
+    frame: str,
+) -> Refinement:
+    """Assemble the figures.
+
+    Args:
+        model: the SfM model, which defines the world's unit.
+        tracks: the observations that were used.
+        state: the optimum.
+        estimate: noise levels and covariance there.
+        rows: robot residuals there.
+        layout: of the covariance.
+        iterations, converged: of the optimiser.
+        frame: parent frame of X.
+    """
+    n = len(state.world_T_camera)
+    scale = float(np.exp(state.log_scale))
+    base_T_camera = state.base_T_world @ frames.scaled(state.world_T_camera, scale)
+    metres_per_unit = scale * _spread(state.world_T_camera) / _spread(model.world_T_camera)
+
+    x_and_scale = np.zeros((7, layout.dim))
+    x_and_scale[np.arange(6), layout.x_columns] = 1.0
+    x_and_scale[6, layout.columns(LOG_SCALE)] = 1.0
+    for i, gradient in enumerate(_spread_gradient(state.world_T_camera)):
+        x_and_scale[6, layout.columns(camera_key(i))[3:]] = gradient
+    joint = x_and_scale @ estimate.covariance @ x_and_scale.T
+
+    intrinsics_covariance = np.zeros((8, 8))
+    if layout.with_intrinsics:
+        columns = np.delete(layout.columns(INTRINSICS), 2)  # without the skew
+        intrinsics_covariance = estimate.covariance[np.ix_(columns, columns)]
+    return Refinement(
+        state=state,
+        observability=analyse(joint, state.gripper_T_camera, frame),
+        metres_per_world_unit=metres_per_unit,
+        metres_per_world_unit_std=metres_per_unit * float(np.sqrt(joint[6, 6])),
+        base_T_camera=base_T_camera,
+        base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
+        intrinsics_covariance=intrinsics_covariance,
+        noise=estimate.noise,
+        redundancy=estimate.redundancy,
+        residuals=rows.residual,
+        outliers=_outliers(rows, estimate.rows_covariance),
+        reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),
+        n_points=len(state.points_world),
+        n_observations=len(tracks.pixels),
+        iterations=iterations,
+        converged=converged,
+    )
