@@ -18,6 +18,9 @@ MIN_POSES = 3
 # 63 images give 1953 pairs: up to there every pair is used, beyond it more pairs of the same
 # images add time but hardly information.
 MAX_PAIRS = 2000
+# Largest defect of R^T R: entries rounded to three digits still pass, a scaled or sheared matrix
+# does not.
+ROTATION_TOLERANCE = 5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,8 +104,8 @@ def motion_pairs(
         max_pairs: most pairs returned.
 
     Raises:
-        InputDataError: fewer than three poses, lists of different length, values that are not
-            finite, or no pair turns by ``min_rotation``.
+        InputDataError: fewer than three poses, lists of different length, matrices that are not
+            poses, or no pair turns by ``min_rotation``.
         ValueError: ``max_pairs`` is not positive.
     """
     n = _checked_length(base_T_gripper, world_T_camera)
@@ -147,6 +150,15 @@ def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:
         if not np.all(np.isfinite(poses)):
             bad = int(np.argmax(~np.isfinite(poses).all(axis=(1, 2))))
             raise InputDataError(f"{name} pose {bad} holds a value that is not a finite number")
+        rotation = poses[:, :3, :3]
+        defect = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max(axis=(1, 2))
+        defect[np.linalg.det(rotation) < 0.0] = np.inf
+        if np.any(defect > ROTATION_TOLERANCE):
+            bad = int(np.argmax(defect))
+            raise InputDataError(
+                f"{name} pose {bad} does not hold a rotation: its columns must be orthogonal unit "
+                "vectors of a right-handed frame; check the layout of the matrices"
+            )
     n = len(base_T_gripper)
     if len(world_T_camera) != n:
         raise InputDataError(
@@ -177,10 +189,10 @@ def _distant_pairs(
     i_parts, j_parts = [], []
     for i, count in zip(first, counts, strict=True):
         distance = np.sum((features[i + 1 :] - features[i]) ** 2, axis=1)
-        distant = np.argsort(distance)[len(distance) // 2 :]
-        count_here = min(int(count), len(distant))
-        chosen = distant[np.linspace(0, len(distant) - 1, count_here).astype(np.int64)]
-        i_parts.append(np.full(count_here, i, dtype=np.int64))
+        nearer = min(len(distance) // 2, len(distance) - int(count))
+        distant = np.argsort(distance)[nearer:]
+        chosen = distant[np.linspace(0, len(distant) - 1, int(count)).astype(np.int64)]
+        i_parts.append(np.full(int(count), i, dtype=np.int64))
         j_parts.append(i + 1 + np.sort(chosen))
     return np.concatenate(i_parts), np.concatenate(j_parts)
 

@@ -4,14 +4,20 @@ A solver takes ``MotionPairs`` and returns a ``MotionSolution``. ``linear_start`
 it makes the pairs, solves them, and adds base_T_world and the residuals.
 """
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
 import numpy as np
 
+from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose, rotation_angle, scaled
 from handeye_fg.motions import MotionPairs, motion_pairs
-from handeye_fg.solvers.andreff_scale import MotionSolution, andreff_scale
+from handeye_fg.solvers.andreff_scale import andreff_scale
+from handeye_fg.solvers.solution import MotionSolution
 from handeye_fg.types import LinearStart
 
 __all__ = [
+    "METHODS",
     "MotionSolution",
     "andreff_scale",
     "average_base_T_world",
@@ -19,27 +25,36 @@ __all__ = [
     "motion_residuals",
 ]
 
+METHODS: Mapping[str, Callable[[MotionPairs], MotionSolution]] = MappingProxyType(
+    {"andreff_scale": andreff_scale}
+)
 
-def linear_start(base_T_gripper: Array, world_T_camera: Array) -> LinearStart:
-    """X, Z and the scale by method M5 (``andreff_scale``) over wide-baseline motion pairs.
+
+def linear_start(
+    base_T_gripper: Array, world_T_camera: Array, *, method: str = "andreff_scale"
+) -> LinearStart:
+    """X, Z and the scale in closed form over wide-baseline motion pairs.
 
     Args:
         base_T_gripper: robot poses (n, 4, 4), metres.
         world_T_camera: camera poses (n, 4, 4) of the same instants, up to a similarity.
+        method: one of ``METHODS``.
 
     Raises:
-        InputDataError: fewer than three poses, poses that are not finite matrices, or a negative
-            scale (another convention).
+        InputDataError: an unknown method, fewer than three poses, matrices that are not poses, or
+            a negative scale (another convention).
         UnobservableError: the motions determine no rotation or no scale.
     """
+    if method not in METHODS:
+        raise InputDataError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
     base_T_gripper = np.asarray(base_T_gripper, dtype=np.float64)
     world_T_camera = np.asarray(world_T_camera, dtype=np.float64)
     pairs = motion_pairs(base_T_gripper, world_T_camera)
-    solution = andreff_scale(pairs)
+    solution = METHODS[method](pairs)
     X, scale = solution.gripper_T_camera, solution.metres_per_world_unit
     angles, lengths = motion_residuals(pairs, X, scale)
     return LinearStart(
-        method="andreff_scale",
+        method=method,
         gripper_T_camera=X,
         base_T_world=average_base_T_world(base_T_gripper @ X, scaled(world_T_camera, scale)),
         metres_per_world_unit=scale,

@@ -16,16 +16,16 @@ motions), and what t_X lacks is set to zero: the minimum-norm solution.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, orthonormalised, rotation_angle
 from handeye_fg.motions import AxisSpread, MotionPairs, axis_spread
+from handeye_fg.solvers.solution import MotionSolution
 
-# Rotations smaller than this (rms, radians) are taken for noise of a translating robot: arms are
-# accurate to 0.02-0.4 degrees, deliberate rotations have ten degrees or more.
+# Rotations smaller than this (rms, radians) are taken for noise of a translating robot, however
+# well they agree: deliberate rotations have ten degrees or more.
 NO_ROTATION = math.radians(0.5)
 # Second axis over first axis below which all rotations share one axis: 0.4 degrees of noise on
 # rotations of 30 degrees give 0.013.
@@ -33,27 +33,17 @@ ONE_AXIS = 0.02
 # Columns are scaled to unit norm; a direction weaker than this relative to the strongest is free in
 # exact arithmetic (rounding leaves about 1e-15).
 RANK_TOLERANCE = 1e-9
-# A scale within so many of its standard deviations of zero is not determined.
+# A scale within so many of its standard deviations of zero is not determined; rotations within so
+# many standard deviations of their noise are not there.
 SIGNIFICANT = 3.0
+# Median of the absolute value of a standard normal variable.
+NORMAL_MEDIAN = 0.6745
 # Rotations of robot and camera that differ by more than this (median, radians) at the best R_X
 # are not those of one rigid body. The median: a few exchanged rows are another fault.
 NO_FIT = math.radians(10.0)
 # Third over first singular value above which three translations are independent enough to tell
 # a rotation from a reflection.
 SOLID = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionSolution:
-    """X and the scale from motion pairs.
-
-    Attributes:
-        gripper_T_camera: X (4, 4), metres.
-        metres_per_world_unit: the scale, positive.
-    """
-
-    gripper_T_camera: Array
-    metres_per_world_unit: float
 
 
 def andreff_scale(pairs: MotionPairs) -> MotionSolution:
@@ -81,10 +71,11 @@ def andreff_scale(pairs: MotionPairs) -> MotionSolution:
         )
     _require_camera_motion(pairs)
     spread = axis_spread(pairs)
-    if spread.rms_rotation[0] < NO_ROTATION:
+    noise = SIGNIFICANT * _rotation_noise(pairs)
+    if spread.rms_rotation[0] < max(NO_ROTATION, noise):
         R_X = _rotation_from_translations(pairs)
         found = np.zeros((3, 0))
-    elif spread.relative[1] < ONE_AXIS:
+    elif spread.rms_rotation[1] < max(ONE_AXIS * spread.rms_rotation[0], noise):
         R_X = _rotation_about_one_axis(pairs, spread)
         found = spread.axes[:, 1:]
     else:
@@ -104,10 +95,22 @@ def rotation_from_kronecker(pairs: MotionPairs) -> Array:
     matrix of one motion is ``2 I - (R_A kron R_B) - (R_A kron R_B)^T``, so the null vector is the
     strongest eigenvector of the sum of the symmetric parts of ``R_A kron R_B``: memory does not
     grow with the motions, and rotations by 180 degrees are like any other.
+
+    Args:
+        pairs: the motions; their translations are not used.
+
+    Raises:
+        UnobservableError: the null space has two dimensions or more.
     """
     R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
     total = np.einsum("kij,kab->iajb", R_A, R_B).reshape(9, 9)
-    _, vectors = np.linalg.eigh(total + total.T)
+    values, vectors = np.linalg.eigh(total + total.T)
+    if values[-1] - values[-2] <= RANK_TOLERANCE * len(pairs):
+        raise UnobservableError(
+            "several orientations of the camera on the gripper fit the rotations equally well, as "
+            "with one axis only, or with half turns about perpendicular axes only. Add poses that "
+            "turn the gripper by 20 to 90 degrees about two different axes"
+        )
     V = vectors[:, -1].reshape(3, 3)
     # The paper rescales by sign(det V) / |det V|^(1/3); the projection needs only the sign.
     return orthonormalised(np.copysign(1.0, np.linalg.det(V)) * V)
@@ -121,6 +124,16 @@ def _require_camera_motion(pairs: MotionPairs) -> None:
                 f"the {name} did not move: its {pairs.n_poses} poses are all the same; "
                 "take the images from different poses"
             )
+
+
+def _rotation_noise(pairs: MotionPairs) -> float:
+    """Standard deviation (radians) of the rotations' disagreement along their axes.
+
+    A and B turn by the same angle whatever X is; the median bears a few exchanged rows.
+    """
+    angles_A = rotation_angle(pairs.gi_T_gj[:, :3, :3])
+    angles_B = rotation_angle(pairs.ci_T_cj[:, :3, :3])
+    return float(np.median(np.abs(angles_A - angles_B))) / NORMAL_MEDIAN
 
 
 def _rotation_from_translations(pairs: MotionPairs) -> Array:
