@@ -1,1 +1,1 @@
-
+"""The factor graph: measurements, joint refinement, noise levels and covariance; see ``refine``."""

@@ -125,9 +125,7 @@ def intrinsics_graph(opencv_params: Array, sigmas: Array) -> gtsam.NonlinearFact
     """Prior on the intrinsics (8,) with standard deviations (8,); the skew stays zero."""
     graph = gtsam.NonlinearFactorGraph()
     model = gtsam.noiseModel.Diagonal.Sigmas(np.insert(sigmas, 2, _SKEW_SIGMA))
-    graph.push_back(
-        gtsam.PriorFactorCal3DS2(INTRINSICS, calibration(opencv_params), model)
-    )
+    graph.push_back(gtsam.PriorFactorCal3DS2(INTRINSICS, calibration(opencv_params), model))
     return graph
 
 

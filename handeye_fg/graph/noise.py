@@ -13,7 +13,7 @@ from scipy import linalg
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
-from handeye_fg.graph.reduced import Layout, Quadratic, Rows, predicted_covariance, scatter
+from handeye_fg.graph.reduced import Linearised, predicted_covariance, scatter
 from handeye_fg.options import NoiseOptions
 from handeye_fg.types import NoiseLevels
 
@@ -27,25 +27,27 @@ _CONVERGED = 1e-4  # relative change of a sigma; its own uncertainty is above 1e
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseEstimate:
-    """Noise levels, and the linearised problem solved with them.
+class Solution:
+    """A linearised problem solved with certain noise levels.
 
     Attributes:
         noise: the levels.
-        pixel_unit: factor from the sigmas given to the observations to the estimated ones.
         redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
+        squares: weightless sums of squared residuals of the same three groups after the step.
+        step: of the shared unknowns (d,), towards the minimum.
         covariance: of the shared unknowns (d, d).
-        rows_covariance: covariance (n, 6, 6) of the robot residuals after the fit.
+        robot_covariance: covariance (n, 6, 6) of the robot residuals after the fit.
     """
 
     noise: NoiseLevels
-    pixel_unit: float
     redundancy: tuple[float, float, float]
+    squares: tuple[float, float, float]
+    step: Array
     covariance: Array
-    rows_covariance: Array
+    robot_covariance: Array
 
 
-def known_levels(options: NoiseOptions) -> tuple[float | None, float | None, float | None]:
+def _known(options: NoiseOptions) -> tuple[float | None, float | None, float | None]:
     """The user's sigmas in pixels, radians and metres; None where they are to be estimated."""
     rotation = options.robot_rotation_deg
     translation = options.robot_translation_mm
@@ -74,86 +76,95 @@ def _inverse(hessian: Array) -> Array:
     return np.asarray(0.5 * (inverse + inverse.T) * np.outer(scale, scale))
 
 
-def estimate_noise(
-    reprojections: Quadratic,
-    n_pixel_rows: int,
-    n_point_unknowns: int,
-    robot: Rows,
-    prior: Quadratic,
-    gauge_dim: int,
-    start: NoiseLevels,
-    pixel_unit_px: float,
-    known: tuple[float | None, float | None, float | None],
-    layout: Layout,
-) -> NoiseEstimate:
-    """Find the noise levels that agree with the residuals of the linearised problem.
-
-    Args:
-        reprojections: image observations, weighted with sigmas whose unit is ``pixel_unit_px``.
-        n_pixel_rows: number of pixel coordinates observed.
-        n_point_unknowns: number of eliminated point coordinates.
-        robot: robot pose residuals in radians and metres.
-        prior: gauge and other priors.
-        gauge_dim: how many of the priors' rows only fix the gauge.
-        start: first levels.
-        pixel_unit_px: the sigma (pixels) of an undistorted-view-free observation in
-            ``reprojections``.
-        known: the user's levels; None where they are estimated.
-        layout: of the shared unknowns.
+def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
+    """Solve the linearised problem with the given levels.
 
     Raises:
         ConvergenceError: the information matrix is not positive definite.
     """
-    levels = np.array([start.pixel, start.robot_rotation, start.robot_translation])
-    estimated = np.array([level is None for level in known])
-    levels = np.where(estimated, levels, [level or 0.0 for level in known])
-    floor = np.array([0.0, _PRIOR_ROTATION, _PRIOR_TRANSLATION])
+    images, robot, prior = problem.reprojections, problem.robot, problem.prior
+    unit = noise.pixel / problem.pixel_unit_px
+    weights = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** -2.0
+    robot_hessian, robot_gradient = scatter(robot, weights, problem.layout.dim)
+    covariance = _inverse(images.hessian / unit**2 + robot_hessian + prior.hessian)
+    step = covariance @ (images.gradient / unit**2 + robot_gradient + prior.gradient)
+
+    predicted = predicted_covariance(robot, covariance)
+    leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
+    rotation_used, translation_used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
+    prior_used = float(np.sum(prior.hessian * covariance))
+    pixel_used = problem.layout.dim - rotation_used - translation_used - prior_used
+    rows = 3 * len(robot.residual)
+
+    moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
+    rotation_squares, translation_squares = np.sum(moved**2, axis=0).reshape(2, 3).sum(axis=1)
+    pixel_squares = problem.pixel_unit_px**2 * (
+        images.constant - 2 * images.gradient @ step + step @ images.hessian @ step
+    )
+    return Solution(
+        noise=noise,
+        redundancy=(
+            float(problem.pixel_redundancy - pixel_used),
+            float(rows - rotation_used),
+            float(rows - translation_used),
+        ),
+        squares=(float(pixel_squares), float(rotation_squares), float(translation_squares)),
+        step=step,
+        covariance=covariance,
+        robot_covariance=np.diag(1.0 / weights) - predicted,
+    )
+
+
+def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
+    """Levels that agree with the residuals; the user's where the user gave them."""
+    pixel, rotation, translation = (
+        float(np.sqrt((squares + weight * prior**2) / max(redundancy + weight, 1e-3)))
+        for squares, redundancy, weight, prior in zip(
+            solution.squares,
+            solution.redundancy,
+            (0.0, _PRIOR_WEIGHT, _PRIOR_WEIGHT),
+            (0.0, _PRIOR_ROTATION, _PRIOR_TRANSLATION),
+            strict=True,
+        )
+    )
+    known = _known(options)
+    return NoiseLevels(
+        pixel=pixel if known[0] is None else known[0],
+        robot_rotation=rotation if known[1] is None else known[1],
+        robot_translation=translation if known[2] is None else known[2],
+        estimated=None in known,
+    )
+
+
+def relative_change(before: NoiseLevels, after: NoiseLevels) -> float:
+    """Largest relative change of a level."""
+    pairs = (
+        (before.pixel, after.pixel),
+        (before.robot_rotation, after.robot_rotation),
+        (before.robot_translation, after.robot_translation),
+    )
+    return max(abs(float(np.log(a / b))) for a, b in pairs)
+
+
+def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOptions) -> Solution:
+    """Find the noise levels that agree with the residuals of the linearised problem.
+
+    Args:
+        problem: the linearised problem.
+        start: first levels.
+        options: the levels that the user knows.
+
+    Returns:
+        The problem solved with the levels found.
+
+    Raises:
+        ConvergenceError: the information matrix is not positive definite.
+    """
+    solution = solve(problem, start)
     for _ in range(_MAX_ITERATIONS):
-        unit = levels[0] / pixel_unit_px
-        weights = np.repeat(levels[1:] ** -2.0, 3)
-        robot_hessian, robot_gradient = scatter(robot, weights, layout.dim)
-        hessian = reprojections.hessian / unit**2 + robot_hessian + prior.hessian
-        gradient = reprojections.gradient / unit**2 + robot_gradient + prior.gradient
-        covariance = _inverse(hessian)
-        step = covariance @ gradient
-        predicted = predicted_covariance(robot, covariance)
-        moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
-        leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
-        used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
-        prior_leverage = float(np.sum(prior.hessian * covariance)) - gauge_dim
-        pixel_redundancy = (
-            n_pixel_rows
-            - n_point_unknowns
-            - (layout.dim - gauge_dim - used.sum() - prior_leverage)
-        )
-        squares = np.array(
-            [
-                (
-                    reprojections.constant
-                    - 2 * reprojections.gradient @ step
-                    + step @ reprojections.hessian @ step
-                )
-                * pixel_unit_px**2,
-                *np.sum(moved**2, axis=0).reshape(2, 3).sum(axis=1),
-            ]
-        )
-        redundancy = np.array([pixel_redundancy, *(3 * len(robot.residual) - used)])
-        weight = np.array([0.0, _PRIOR_WEIGHT, _PRIOR_WEIGHT])
-        new = np.sqrt((squares + weight * floor**2) / np.maximum(redundancy + weight, 1e-3))
-        new = np.where(estimated, new, levels)
-        change = np.abs(np.log(new / levels)).max()
-        levels = new
+        levels = _updated(solution, options)
+        change = relative_change(solution.noise, levels)
+        solution = solve(problem, levels)
         if change < _CONVERGED:
             break
-    return NoiseEstimate(
-        noise=NoiseLevels(
-            pixel=float(levels[0]),
-            robot_rotation=float(levels[1]),
-            robot_translation=float(levels[2]),
-            estimated=bool(estimated.any()),
-        ),
-        pixel_unit=float(levels[0] / pixel_unit_px),
-        redundancy=(float(redundancy[0]), float(redundancy[1]), float(redundancy[2])),
-        covariance=covariance,
-        rows_covariance=np.diag(1.0 / weights) - predicted,
-    )
+    return solution

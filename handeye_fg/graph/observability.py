@@ -66,7 +66,9 @@ def analyse(covariance: Array, gripper_T_camera: Array, frame: str) -> Observabi
     rotation = gripper_T_camera[:3, :3]
     directions = []
     for vector in vectors[:, free].T:
-        kind = "rotation" if np.linalg.norm(vector[:3]) > np.linalg.norm(vector[3:]) else "translation"
+        kind = (
+            "rotation" if np.linalg.norm(vector[:3]) > np.linalg.norm(vector[3:]) else "translation"
+        )
         part = rotation @ (vector[:3] if kind == "rotation" else vector[3:])
         axis = part / np.linalg.norm(part) * (1.0 if part[np.abs(part).argmax()] > 0 else -1.0)
         directions.append((kind, axis))

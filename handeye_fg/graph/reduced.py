@@ -77,6 +77,27 @@ class Rows:
     columns: NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linearised:
+    """Everything about the problem around an estimate.
+
+    Attributes:
+        reprojections: image observations; their sigmas have the unit ``pixel_unit_px`` (pixels).
+        robot: robot pose residuals.
+        prior: gauge and other priors.
+        pixel_unit_px: see ``reprojections``.
+        pixel_redundancy: observed pixel coordinates less point coordinates.
+        layout: of the shared unknowns.
+    """
+
+    reprojections: Quadratic
+    robot: Rows
+    prior: Quadratic
+    pixel_unit_px: float
+    pixel_redundancy: int
+    layout: Layout
+
+
 def eliminate_points(
     reprojections: gtsam.GaussianFactorGraph, n_points: int, layout: Layout
 ) -> Quadratic:

@@ -9,11 +9,11 @@ from handeye_fg import frames
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
-from handeye_fg.graph.noise import NoiseEstimate, estimate_noise, known_levels
+from handeye_fg.graph.noise import Solution, estimate_noise, relative_change
 from handeye_fg.graph.optimise import optimise
 from handeye_fg.graph.reduced import (
     Layout,
-    Rows,
+    Linearised,
     eliminate_points,
     priors,
     robot_rows,
@@ -29,7 +29,6 @@ from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import Progress
 from handeye_fg.types import LinearStart, NoiseLevels, SfmModel, Tracks
 
-_GAUGE_DIM = 7
 # Observations further than this from their prediction are mismatches: of Gaussian ones 0.03 % are.
 _REJECTION_SIGMAS = 4.0
 # Two lines of sight that meet at 1.2 degrees; a smaller angle leaves the depth to the noise.
@@ -84,8 +83,7 @@ def _without_mismatches(
     """Leave out mismatches, and the points whose depth is then no longer determined.
 
     Returns:
-        State and tracks of what is left, which observations these are (m,), and their robust sigma
-        in pixels.
+        State, tracks and relative sigmas of what is left, and their robust sigma in pixels.
 
     Raises:
         ReconstructionError: too few are left to determine cameras and points.
@@ -109,7 +107,7 @@ def _without_mismatches(
             f"only {len(left.pixels)} observations of {len(points)} points are left in {n_images} "
             "images, too few to refine; take sharper, more textured or more overlapping images"
         )
-    return replace(state, points_world=points), left, kept, max(sigma, 1e-6)
+    return replace(state, points_world=points), left, sigma_scale[kept], max(sigma, 1e-6)
 
 
 def _first_noise(state: State, base_T_gripper: Array, pixel: float) -> NoiseLevels:
@@ -161,30 +159,31 @@ class _Problem:
         unit = self.pixel_unit_px / noise.pixel
         return m.joined([self.reprojections, self.robot(noise, unit), self.priors(unit)])
 
-    def statistics(
-        self, values: gtsam.Values, noise: NoiseLevels, options: NoiseOptions
-    ) -> tuple[NoiseEstimate, Rows]:
-        """Noise levels, and with them the covariance, of the problem linearised at ``values``."""
+    def linearised(self, values: gtsam.Values, noise: NoiseLevels) -> Linearised:
         points = len(self.tracks.points_world)
-        linear = self.reprojections.linearize(values)
-        rows = robot_rows(
-            self.robot(noise).linearize(values),
-            m.pose_sigmas(noise.robot_rotation, noise.robot_translation),
-            self.layout,
+        sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
+        return Linearised(
+            reprojections=eliminate_points(
+                self.reprojections.linearize(values), points, self.layout
+            ),
+            robot=robot_rows(self.robot(noise).linearize(values), sigmas, self.layout),
+            prior=priors(self.priors().linearize(values), self.layout),
+            pixel_unit_px=self.pixel_unit_px,
+            pixel_redundancy=2 * len(self.tracks.pixels) - 3 * points,
+            layout=self.layout,
         )
-        estimate = estimate_noise(
-            eliminate_points(linear, points, self.layout),
-            2 * len(self.tracks.pixels),
-            3 * points,
-            rows,
-            priors(self.priors().linearize(values), self.layout),
-            _GAUGE_DIM,
-            noise,
-            self.pixel_unit_px,
-            known_levels(options),
-            self.layout,
-        )
-        return estimate, rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """An optimum with noise levels that agree with it."""
+
+    state: State
+    problem: _Problem
+    linearised: Linearised
+    solution: Solution
+    iterations: int
+    converged: bool
 
 
 def _problem(
@@ -210,14 +209,45 @@ def _problem(
     )
 
 
-def _change(before: NoiseLevels, after: NoiseLevels) -> float:
-    """Largest relative change of a level."""
-    pairs = (
-        (before.pixel, after.pixel),
-        (before.robot_rotation, after.robot_rotation),
-        (before.robot_translation, after.robot_translation),
+def _fitted(
+    problem: _Problem,
+    start: State,
+    levels: NoiseLevels,
+    rounds: int,
+    noise: NoiseOptions,
+    options: GraphOptions,
+    progress: Progress,
+) -> _Fit:
+    """Optimise and estimate the noise in turn until the levels stay the same."""
+    with_intrinsics = problem.layout.with_intrinsics
+    order = ordering(
+        problem.layout.n_cameras,
+        len(problem.tracks.points_world),
+        with_intrinsics=with_intrinsics,
     )
-    return max(abs(float(np.log(a / b))) for a, b in pairs)
+    values = to_values(start, with_intrinsics=with_intrinsics)
+    iterations = 0
+    while True:
+        optimum = optimise(
+            problem.graph(levels),
+            values,
+            order,
+            max_iterations=options.max_iterations,
+            progress=progress,
+        )
+        values, iterations, rounds = optimum.values, iterations + optimum.iterations, rounds - 1
+        linearised = problem.linearised(values, levels)
+        solution = estimate_noise(linearised, levels, noise)
+        change, levels = relative_change(levels, solution.noise), solution.noise
+        if change < _NOISE_CONVERGED or rounds == 0:
+            return _Fit(
+                state=from_values(values, start, with_intrinsics=with_intrinsics),
+                problem=problem,
+                linearised=linearised,
+                solution=solution,
+                iterations=iterations,
+                converged=optimum.converged,
+            )
 
 
 def refine(
@@ -252,33 +282,22 @@ def refine(
         ConvergenceError: no finite optimum.
     """
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
-    state, tracks, levels, iterations = start, model.tracks, None, 0
-    # The first pass finds the mismatches that hide behind a wrong start, the second one is final.
-    for final in (False, True):
-        state, tracks, kept, sigma = _without_mismatches(state, tracks, scales)
-        scales = scales[kept]
-        levels = levels or _first_noise(state, base_T_gripper, sigma)
-        problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
-        with_intrinsics = intrinsics is not None
-        order = ordering(
-            len(base_T_gripper), len(tracks.points_world), with_intrinsics=with_intrinsics
-        )
-        values = to_values(state, with_intrinsics=with_intrinsics)
-        for _ in range(_MAX_ROUNDS if final else 1):
-            optimum = optimise(
-                problem.graph(levels),
-                values,
-                order,
-                max_iterations=options.max_iterations,
-                progress=progress,
-                done=iterations,
-            )
-            values, iterations = optimum.values, iterations + optimum.iterations
-            estimate, rows = problem.statistics(values, levels, noise)
-            change, levels = _change(levels, estimate.noise), estimate.noise
-            if change < _NOISE_CONVERGED:
-                break
-        state = from_values(values, state, with_intrinsics=with_intrinsics)
+    state, tracks, scales, sigma = _without_mismatches(start, model.tracks, scales)
+    problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
+    levels = _first_noise(state, base_T_gripper, sigma)
+    first = _fitted(problem, state, levels, 1, noise, options, progress)
+
+    # Mismatches that hid behind a wrong start show now.
+    state, tracks, scales, sigma = _without_mismatches(first.state, tracks, scales)
+    problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
+    fit = _fitted(problem, state, first.solution.noise, _MAX_ROUNDS, noise, options, progress)
     return summarise(
-        model, tracks, state, estimate, rows, problem.layout, iterations, optimum.converged, frame
+        model,
+        tracks,
+        fit.state,
+        fit.linearised,
+        fit.solution,
+        iterations=first.iterations + fit.iterations,
+        converged=fit.converged,
+        frame=frame,
     )

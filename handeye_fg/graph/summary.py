@@ -9,9 +9,9 @@ from scipy import stats
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.graph.noise import NoiseEstimate
+from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.observability import Observability, analyse
-from handeye_fg.graph.reduced import Layout, Rows
+from handeye_fg.graph.reduced import Linearised, Rows
 from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
 from handeye_fg.types import NoiseLevels, SfmModel, Tracks
 
@@ -110,7 +110,9 @@ def _outliers(rows: Rows, covariance: Array) -> NDArray[np.bool_]:
     """Robot poses whose residual is too improbable for its covariance (n, 6, 6)."""
     scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     shaped = covariance / (scale[:, :, None] * scale[:, None, :])
-    whitened = np.einsum("nij,nj->ni", np.linalg.pinv(shaped, hermitian=True), rows.residual / scale)
+    whitened = np.einsum(
+        "nij,nj->ni", np.linalg.pinv(shaped, hermitian=True), rows.residual / scale
+    )
     squares = np.sum(whitened * rows.residual / scale, axis=1)
     limit = stats.chi2.isf(_FALSE_ALARM / len(squares), 6)
     return np.asarray(squares > limit)
@@ -120,9 +122,9 @@ def summarise(
     model: SfmModel,
     tracks: Tracks,
     state: State,
-    estimate: NoiseEstimate,
-    rows: Rows,
-    layout: Layout,
+    linearised: Linearised,
+    solution: Solution,
+    *,
     iterations: int,
     converged: bool,
     frame: str,
@@ -133,12 +135,13 @@ def summarise(
         model: the SfM model, which defines the world's unit.
         tracks: the observations that were used.
         state: the optimum.
-        estimate: noise levels and covariance there.
-        rows: robot residuals there.
-        layout: of the covariance.
-        iterations, converged: of the optimiser.
+        linearised: the problem there.
+        solution: noise levels and covariance there.
+        iterations: steps of the optimiser.
+        converged: whether it converged.
         frame: parent frame of X.
     """
+    layout = linearised.layout
     n = len(state.world_T_camera)
     scale = float(np.exp(state.log_scale))
     base_T_camera = state.base_T_world @ frames.scaled(state.world_T_camera, scale)
@@ -149,12 +152,12 @@ def summarise(
     x_and_scale[6, layout.columns(LOG_SCALE)] = 1.0
     for i, gradient in enumerate(_spread_gradient(state.world_T_camera)):
         x_and_scale[6, layout.columns(camera_key(i))[3:]] = gradient
-    joint = x_and_scale @ estimate.covariance @ x_and_scale.T
+    joint = x_and_scale @ solution.covariance @ x_and_scale.T
 
     intrinsics_covariance = np.zeros((8, 8))
     if layout.with_intrinsics:
         columns = np.delete(layout.columns(INTRINSICS), 2)  # without the skew
-        intrinsics_covariance = estimate.covariance[np.ix_(columns, columns)]
+        intrinsics_covariance = solution.covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
         observability=analyse(joint, state.gripper_T_camera, frame),
@@ -163,10 +166,10 @@ def summarise(
         base_T_camera=base_T_camera,
         base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
         intrinsics_covariance=intrinsics_covariance,
-        noise=estimate.noise,
-        redundancy=estimate.redundancy,
-        residuals=rows.residual,
-        outliers=_outliers(rows, estimate.rows_covariance),
+        noise=solution.noise,
+        redundancy=solution.redundancy,
+        residuals=linearised.robot.residual,
+        outliers=_outliers(linearised.robot, solution.robot_covariance),
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),
         n_points=len(state.points_world),
         n_observations=len(tracks.pixels),
