@@ -29,7 +29,7 @@ _LENGTHS = {
     "": (0, 4, 5, 8, 12, 14),
 }
 _LARGEST_SIDE = 100_000
-_LARGEST_FILE = 1_000_000  # characters; a camera file has some hundred
+_LARGEST_FILE = 100_000  # characters; a camera file has some hundred
 _REMEDY = "correct the camera file"
 _YAML = "tag:yaml.org,2002:"
 
@@ -171,9 +171,8 @@ def _check_whole_image(fields: Fields, width: int, height: int) -> None:
         roi = fields.mapping("roi")
         for key, full in (("x_offset", 0), ("y_offset", 0), ("width", width), ("height", height)):
             if key in roi.values and roi.integer(key) not in (0, full):
-                raise roi.error(
-                    key, f"0 or {full}, as cropped images do not have this camera matrix"
-                )
+                wanted = f"0 or {full}" if full else "0"
+                raise roi.error(key, f"{wanted}, as cropped images do not have this camera matrix")
 
 
 def _numbers(fields: Fields, key: str) -> Array:

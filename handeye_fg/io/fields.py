@@ -54,26 +54,13 @@ class Fields:
             f"{self.where}: {self.path}{key} {found}, but must be {wanted}; {self.remedy}"
         )
 
-    def only(self, known: Collection[str]) -> None:
-        """Refuse keys that are not known.
-
-        Raises:
-            InputDataError: there is another key.
-        """
-        for key in self.values:
-            if key not in known:
-                raise InputDataError(
-                    f"{self.where}: {self.path}{shown(key)} is not a known key, but one of"
-                    f" {', '.join(known)} was expected; {self.remedy}"
-                )
-
     def number(self, key: str) -> float:
         """A finite number.
 
         Raises:
             InputDataError: there is none.
         """
-        number = _finite(self.values.get(key))
+        number = finite(self.values.get(key))
         if number is None:
             raise self.error(key, "a finite number")
         return number
@@ -107,7 +94,9 @@ class Fields:
         """
         value = self.values.get(key)
         if not isinstance(value, str) or (allowed and value not in allowed):
-            raise self.error(key, f"one of {', '.join(allowed)}" if allowed else "a string")
+            raise self.error(
+                key, f"one of {', '.join(map(repr, allowed))}" if allowed else "a string"
+            )
         return value
 
     def flag(self, key: str) -> bool:
@@ -162,7 +151,7 @@ class Fields:
         return tuple(items.mapping(name) for name in items.values)
 
 
-def _finite(value: object) -> float | None:
+def finite(value: object) -> float | None:
     """The value as a float, if it is a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
@@ -176,7 +165,7 @@ def _finite(value: object) -> float | None:
 def _collect(value: object, shape: tuple[int | None, ...], numbers: list[float]) -> bool:
     """Append the numbers of nested lists; False where they do not have the shape."""
     if not shape:
-        number = _finite(value)
+        number = finite(value)
         if number is None:
             return False
         numbers.append(number)

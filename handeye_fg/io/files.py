@@ -43,12 +43,13 @@ def write_atomic(path: Path, content: str | bytes) -> Path:
     return path
 
 
-def read_text(path: Path, what: str) -> str:
+def read_text(path: Path, what: str, *, may_be_empty: bool = False) -> str:
     r"""Read a UTF-8 text file, with or without a byte order mark.
 
     Args:
         path: the file.
         what: its name in error messages, such as "poses file".
+        may_be_empty: whether a file without content is accepted.
 
     Returns:
         The text, line ends as ``\n``.
@@ -71,6 +72,6 @@ def read_text(path: Path, what: str) -> str:
             f"{what} {path}: character {text.index(chr(0))} is a null byte, so this is no text"
             " file; give the text file itself"
         )
-    if not text.strip():
+    if not may_be_empty and not text.strip():
         raise InputDataError(f"{what} {path}: the file is empty; write its content first")
     return text

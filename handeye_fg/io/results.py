@@ -1,11 +1,32 @@
-"""The result of a calibration, and ``result.json``, its form on disk (schema published beside it)."""
+"""The result of a calibration, and ``result.json``, its form on disk (``result.schema.json``).
 
+In the file rotations are degrees and translations of residuals, noise and standard deviations are
+millimetres, as their names say; matrices and the covariance are in metres and radians, at full
+precision. A figure that is not finite is null.
+"""
+
+import json
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from importlib import resources
+from pathlib import Path
+from typing import Literal, cast
 
-from handeye_fg.frames import Array
+import numpy as np
+
+from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.io.files import write_atomic
 from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
+
+SCHEMA_VERSION = "1"
+FILE_NAME = "result.json"
+FREE_COMPONENT = 0.1
+"""A component of X has no standard deviation where a free direction leans on its axis by more."""
+
+Document = dict[str, object]
+Status = Literal["ok", "partial"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +53,13 @@ class ImageReport:
     outlier: bool = False
     reason: str = ""
 
+    def __post_init__(self) -> None:
+        if self.base_T_camera is not None:
+            _set_pose(self, "base_T_camera")
+        for name in ("residual_rotation", "residual_translation", "reprojection_rms"):
+            if getattr(self, name) is not None:
+                _check_finite(self, name)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SfmSummary:
@@ -42,6 +70,9 @@ class SfmSummary:
     n_points: int
     n_observations: int
     mean_reprojection_px: float
+
+    def __post_init__(self) -> None:
+        _check_finite(self, "mean_reprojection_px")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,7 +88,7 @@ class Result:
             radians and metres; of the determined subspace only, where directions are free.
         free_directions: what the data leave undetermined.
         metres_per_world_unit, metres_per_world_unit_std: scale of the SfM model and its standard
-            deviation.
+            deviation; the latter is written as null, and read as NaN, where the scale is free.
         base_T_world: Z (4, 4), metres.
         noise: noise levels used.
         initial: the linear start.
@@ -72,7 +103,7 @@ class Result:
         provenance: versions, options digest, input digest, seed.
     """
 
-    status: Literal["ok", "partial"]
+    status: Status
     setup: Setup
     message: str
     matrix: Array
@@ -92,3 +123,215 @@ class Result:
     observability: Mapping[str, float]
     timing_s: Mapping[str, float]
     provenance: Mapping[str, str | int]
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "base_T_world"):
+            _set_pose(self, name)
+        _set_array(self, "covariance", (6, 6))
+        _set_array(self, "intrinsics_std", self.camera.params.shape)
+        _check_finite(self, "metres_per_world_unit")
+        for name in ("pixel", "robot_rotation", "robot_translation"):
+            _check_finite(self.noise, name)
+        for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
+            _check_finite(self.initial, name)
+        if (self.status == "partial") != bool(self.free_directions):
+            raise ValueError(f"{self.status=} with {len(self.free_directions)} free directions")
+        for direction in self.free_directions:
+            if direction.kind != "scale" and direction.frame != parent_frame(self.setup):
+                raise ValueError(
+                    f"{direction.frame=} but expected {parent_frame(self.setup)!r}, the parent of X"
+                )
+
+    def save(self, folder: Path) -> Path:
+        """Write ``result.json``, whole or not at all.
+
+        Args:
+            folder: where to; it is made if it does not exist.
+
+        Returns:
+            The file.
+
+        Raises:
+            InputDataError: the file cannot be written.
+        """
+        return write_atomic(Path(folder) / FILE_NAME, to_json(to_document(self)))
+
+
+def parent_frame(setup: Setup) -> Literal["gripper", "base"]:
+    """The parent frame of X."""
+    return "gripper" if setup == "eye-in-hand" else "base"
+
+
+def std_rotation_deg(result: Result) -> tuple[float | None, ...]:
+    """Standard deviations (3,) of X's rotation about the camera's axes; None where it is free."""
+    return _without_free(np.degrees(np.degrees(result.covariance[:3, :3])), result, "rotation")
+
+
+def std_translation_mm(result: Result) -> tuple[float | None, ...]:
+    """Standard deviations (3,) of X's position along the camera's axes; None where it is free."""
+    return _without_free(1e6 * result.covariance[3:, 3:], result, "translation")
+
+
+def result_schema() -> Document:
+    """The JSON Schema (2020-12) of ``result.json``."""
+    text = resources.files("handeye_fg.io").joinpath("result.schema.json").read_text("utf-8")
+    return cast("Document", json.loads(text))
+
+
+def to_document(result: Result) -> Document:
+    """The content of ``result.json``: dicts, lists, strings, finite numbers, booleans and None."""
+    parent = parent_frame(result.setup)
+    scale_is_free = any(direction.kind == "scale" for direction in result.free_directions)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "status": result.status,
+        "setup": result.setup,
+        "message": result.message,
+        "calibration": {
+            "parent": parent,
+            "child": "camera",
+            "sentence": (
+                f"Put a point given in camera coordinates into {parent} coordinates:"
+                f" p_{parent} = {parent}_T_camera p_camera."
+            ),
+            "matrix": result.matrix.tolist(),
+            "translation_m": result.matrix[:3, 3].tolist(),
+            "quaternion_xyzw": quaternion_xyzw(result.matrix[:3, :3]).tolist(),
+            "covariance": result.covariance.tolist(),
+            "std_rotation_deg": list(std_rotation_deg(result)),
+            "std_translation_mm": list(std_translation_mm(result)),
+            "free_directions": [
+                {
+                    "kind": direction.kind,
+                    "vector": direction.vector.tolist(),
+                    "frame": direction.frame,
+                    "description": direction.description,
+                }
+                for direction in result.free_directions
+            ],
+        },
+        "metres_per_world_unit": {
+            "value": float(result.metres_per_world_unit),
+            "std": None if scale_is_free else _finite(result.metres_per_world_unit_std),
+        },
+        "base_T_world": result.base_T_world.tolist(),
+        "noise": {
+            "pixel_px": float(result.noise.pixel),
+            "robot_rotation_deg": math.degrees(result.noise.robot_rotation),
+            "robot_translation_mm": 1e3 * float(result.noise.robot_translation),
+            "estimated": bool(result.noise.estimated),
+        },
+        "initial": _start_document(result.initial),
+        "images": [_image_document(image) for image in result.images],
+        "intrinsics": {
+            "model": result.camera.model,
+            "params": result.camera.params.tolist(),
+            "width": int(result.camera.width),
+            "height": int(result.camera.height),
+            "first_pixel_centre": 0.5,
+            "refined": bool(result.intrinsics_refined),
+            "std": result.intrinsics_std.tolist(),
+            "note": result.intrinsics_note,
+        },
+        "sfm": {
+            "n_images": int(result.sfm.n_images),
+            "n_registered": int(result.sfm.n_registered),
+            "n_points": int(result.sfm.n_points),
+            "n_observations": int(result.sfm.n_observations),
+            "mean_reprojection_px": float(result.sfm.mean_reprojection_px),
+        },
+        "observability": {name: _finite(value) for name, value in result.observability.items()},
+        "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
+        "provenance": dict(result.provenance),
+    }
+
+
+def failed_document(setup: Setup, message: str) -> Document:
+    """The content of ``result.json`` for a calibration that gave nothing."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "status": "failed",
+        "setup": setup,
+        "message": message,
+    }
+
+
+def to_json(document: Mapping[str, object]) -> str:
+    """JSON text (ASCII, finite numbers only), each row of numbers on a line of its own."""
+    text = json.dumps(document, indent=2, allow_nan=False)
+    rows = re.compile(r"\[\n\s+([^\[\]{}\"]*?)\n\s+\]")  # strings hold no raw line ends
+    return rows.sub(lambda row: "[" + " ".join(row[1].split()) + "]", text) + "\n"
+
+
+def _set_array(owner: object, name: str, shape: tuple[int, ...]) -> None:
+    """Replace an array by a checked, read-only copy."""
+    array = np.array(getattr(owner, name), dtype=np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name}: {array.shape=} but expected finite numbers of shape {shape}")
+    array.setflags(write=False)
+    object.__setattr__(owner, name, array)
+
+
+def _set_pose(owner: object, name: str) -> None:
+    """Replace a pose by a checked, read-only copy."""
+    _set_array(owner, name, (4, 4))
+    matrix: Array = getattr(owner, name)
+    rotation = matrix[:3, :3]
+    is_rigid = (
+        np.abs(rotation).max() < 2.0  # else its square may overflow
+        and np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6)
+        and np.linalg.det(rotation) > 0.0
+        and np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))
+    )
+    if not is_rigid:
+        raise ValueError(f"{name}: not a rigid transform")
+
+
+def _check_finite(owner: object, name: str) -> None:
+    if not math.isfinite(getattr(owner, name)):
+        raise ValueError(f"{name} is {getattr(owner, name)} but expected a finite number")
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _without_free(
+    covariance: Array, result: Result, kind: Literal["rotation", "translation"]
+) -> tuple[float | None, ...]:
+    """Standard deviations (3,) from a covariance (3, 3); None along the axes that are free."""
+    free = np.zeros(3, dtype=bool)
+    for direction in result.free_directions:
+        if direction.kind == kind:
+            free |= np.abs(result.matrix[:3, :3].T @ direction.vector) > FREE_COMPONENT
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding leaves -1e-20 on a projection
+    return tuple(
+        None if is_free else value
+        for value, is_free in zip(std.tolist(), free.tolist(), strict=True)
+    )
+
+
+def _start_document(start: LinearStart) -> Document:
+    return {
+        "method": start.method,
+        "matrix": start.gripper_T_camera.tolist(),
+        "base_T_world": start.base_T_world.tolist(),
+        "metres_per_world_unit": float(start.metres_per_world_unit),
+        "residual_rotation_deg": math.degrees(start.residual_rotation),
+        "residual_translation_mm": 1e3 * float(start.residual_translation),
+    }
+
+
+def _image_document(image: ImageReport) -> Document:
+    rotation, translation = image.residual_rotation, image.residual_translation
+    rms = image.reprojection_rms
+    return {
+        "name": image.name,
+        "registered": bool(image.registered),
+        "base_T_camera": None if image.base_T_camera is None else image.base_T_camera.tolist(),
+        "residual_rotation_deg": None if rotation is None else math.degrees(rotation),
+        "residual_translation_mm": None if translation is None else 1e3 * float(translation),
+        "reprojection_rms_px": None if rms is None else float(rms),
+        "outlier": bool(image.outlier),
+        "reason": image.reason,
+    }

@@ -1,0 +1,208 @@
+"""Reading ``result.json`` back, with every field checked."""
+
+import json
+import math
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.io.fields import Fields, finite, shown
+from handeye_fg.io.files import read_text
+from handeye_fg.io.results import (
+    FILE_NAME,
+    SCHEMA_VERSION,
+    ImageReport,
+    Result,
+    SfmSummary,
+    Status,
+    parent_frame,
+    to_document,
+)
+from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
+
+Kind = Literal["rotation", "translation", "scale"]
+
+
+def load_result(path: Path) -> Result:
+    """Read a ``result.json``.
+
+    Args:
+        path: the file, or the folder that holds it.
+
+    Returns:
+        The result; arrays are exactly those that were saved, converted units agree to rounding.
+
+    Raises:
+        InputDataError: the file is missing, not JSON, of another version, of a failed calibration,
+            or breaks the schema.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / FILE_NAME
+    try:
+        document = json.loads(read_text(path, "result file"))
+    except (ValueError, RecursionError) as error:
+        raise InputDataError(
+            f"result file {path}: not valid JSON ({error}); calibrate again to write it"
+        ) from error
+    return from_document(document, where=f"result file {path}")
+
+
+def from_document(document: object, where: str = "result document") -> Result:
+    """The result that a document of :func:`to_document` says.
+
+    Args:
+        document: parsed JSON.
+        where: its name in error messages.
+
+    Returns:
+        The result.
+
+    Raises:
+        InputDataError: the document is of another version, of a failed calibration, or breaks the
+            schema.
+    """
+    if not isinstance(document, dict):
+        raise InputDataError(
+            f"{where}: found {shown(document)}, but wanted an object; give a result.json"
+        )
+    fields = Fields(where=where, remedy="calibrate again to write a valid file", values=document)
+    fields.text("schema_version", (SCHEMA_VERSION,))
+    setup = cast("Setup", fields.text("setup", get_args(Setup)))
+    status = fields.text("status", ("ok", "partial", "failed"))
+    if status == "failed":
+        raise InputDataError(
+            f"{where}: the calibration failed ({fields.text('message')}), so there is no result;"
+            " remove the cause and calibrate again"
+        )
+    calibration, scale, noise, intrinsics, sfm = (
+        fields.mapping(key)
+        for key in ("calibration", "metres_per_world_unit", "noise", "intrinsics", "sfm")
+    )
+    calibration.text("parent", (parent_frame(setup),))
+    camera = CameraModel(
+        model=intrinsics.text("model"),
+        width=intrinsics.integer("width", least=1),
+        height=intrinsics.integer("height", least=1),
+        params=intrinsics.array("params", (None,)),
+    )
+    if intrinsics.number("first_pixel_centre") != 0.5:
+        raise intrinsics.error("first_pixel_centre", "0.5")
+    std = scale.optional_number("std")
+    try:
+        result = Result(
+            status=cast("Status", status),
+            setup=setup,
+            message=fields.text("message"),
+            matrix=calibration.array("matrix", (4, 4)),
+            covariance=calibration.array("covariance", (6, 6)),
+            free_directions=tuple(
+                _free_direction(direction) for direction in calibration.mappings("free_directions")
+            ),
+            metres_per_world_unit=scale.number("value"),
+            metres_per_world_unit_std=math.nan if std is None else std,
+            base_T_world=fields.array("base_T_world", (4, 4)),
+            noise=NoiseLevels(
+                pixel=noise.number("pixel_px"),
+                robot_rotation=math.radians(noise.number("robot_rotation_deg")),
+                robot_translation=noise.number("robot_translation_mm") / 1e3,
+                estimated=noise.flag("estimated"),
+            ),
+            initial=_start(fields.mapping("initial")),
+            images=tuple(_image(image) for image in fields.mappings("images")),
+            camera=camera,
+            intrinsics_refined=intrinsics.flag("refined"),
+            intrinsics_std=intrinsics.array("std", camera.params.shape),
+            intrinsics_note=intrinsics.text("note"),
+            sfm=SfmSummary(
+                n_images=sfm.integer("n_images"),
+                n_registered=sfm.integer("n_registered"),
+                n_points=sfm.integer("n_points"),
+                n_observations=sfm.integer("n_observations"),
+                mean_reprojection_px=sfm.number("mean_reprojection_px"),
+            ),
+            observability=_figures(fields.mapping("observability")),
+            timing_s=_figures(fields.mapping("timing_s")),
+            provenance=_provenance(fields.mapping("provenance")),
+        )
+    except ValueError as error:  # Result refuses what cannot be one
+        raise InputDataError(f"{where}: {error}; {fields.remedy}") from error
+    _check_agrees(document, to_document(result), fields, "")
+    return result
+
+
+def _check_agrees(found: object, wanted: object, fields: Fields, key: str) -> None:
+    """Refuse missing and unknown keys, and figures that contradict the ones they derive from."""
+    problem = ""
+    if isinstance(wanted, dict) and isinstance(found, dict):
+        strange = set(found) ^ set(wanted)
+        if strange:
+            name = min(strange, key=str)
+            problem = f"{shown(name)} is {'an unknown key' if name in found else 'missing'}"
+        else:
+            for name, value in wanted.items():
+                _check_agrees(found[name], value, fields, f"{key}.{name}".lstrip("."))
+    elif isinstance(wanted, list) and isinstance(found, list):
+        if len(found) != len(wanted):
+            problem = f"it has {len(found)} items, but must have {len(wanted)}"
+        else:
+            for i, value in enumerate(wanted):
+                _check_agrees(found[i], value, fields, f"{key}[{i}]")
+    elif isinstance(wanted, float):
+        number = finite(found)
+        if number is None or not math.isclose(number, wanted, rel_tol=1e-9, abs_tol=1e-9):
+            problem = f"it is {shown(found)}, but must be {wanted!r}, as the other fields say"
+    elif type(found) is not type(wanted):
+        problem = f"it is {shown(found)}, but must be like {shown(wanted)}"
+    if problem:
+        raise InputDataError(f"{fields.where}: {key or 'root'}: {problem}; {fields.remedy}")
+
+
+def _free_direction(fields: Fields) -> FreeDirection:
+    return FreeDirection(
+        kind=cast("Kind", fields.text("kind", get_args(Kind))),
+        vector=fields.array("vector", (3,)),
+        frame=fields.text("frame"),
+        description=fields.text("description"),
+    )
+
+
+def _start(fields: Fields) -> LinearStart:
+    return LinearStart(
+        method=fields.text("method"),
+        gripper_T_camera=fields.array("matrix", (4, 4)),
+        base_T_world=fields.array("base_T_world", (4, 4)),
+        metres_per_world_unit=fields.number("metres_per_world_unit"),
+        residual_rotation=math.radians(fields.number("residual_rotation_deg")),
+        residual_translation=fields.number("residual_translation_mm") / 1e3,
+    )
+
+
+def _image(fields: Fields) -> ImageReport:
+    rotation = fields.optional_number("residual_rotation_deg")
+    translation = fields.optional_number("residual_translation_mm")
+    no_pose = "base_T_camera" in fields.values and fields.values["base_T_camera"] is None
+    return ImageReport(
+        name=fields.text("name"),
+        registered=fields.flag("registered"),
+        base_T_camera=None if no_pose else fields.array("base_T_camera", (4, 4)),
+        residual_rotation=None if rotation is None else math.radians(rotation),
+        residual_translation=None if translation is None else translation / 1e3,
+        reprojection_rms=fields.optional_number("reprojection_rms_px"),
+        outlier=fields.flag("outlier"),
+        reason=fields.text("reason"),
+    )
+
+
+def _figures(fields: Fields) -> dict[str, float]:
+    figures = {name: fields.optional_number(name) for name in fields.values}
+    return {name: math.nan if figure is None else figure for name, figure in figures.items()}
+
+
+def _provenance(fields: Fields) -> dict[str, str | int]:
+    return {
+        name: fields.text(name)
+        if isinstance(value, str)
+        else fields.integer(name, least=-(2**63), most=2**63)
+        for name, value in fields.values.items()
+    }

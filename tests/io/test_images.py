@@ -1,0 +1,144 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.io import images
+from handeye_fg.io.images import check_image, check_masks, list_images, pair_names, read_image_set
+
+
+def image(path: Path, size: tuple[int, int] = (32, 24), mode: str = "RGB") -> Path:
+    channels = () if mode == "L" else (3,)
+    pixels = np.random.default_rng(0).integers(0, 255, (size[1], size[0], *channels), np.uint8)
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def test_listing_takes_images_by_suffix_and_sorts(tmp_path: Path) -> None:
+    names = ["b.JPG", "a.jpeg", "c.png", "d.TIF", "e.tiff", "f.Bmp", "<b>&.png"]
+    for name in [*names, "notes.txt", ".hidden.jpg", "png"]:
+        (tmp_path / name).touch()
+    (tmp_path / "folder.png").mkdir()
+    assert list_images(tmp_path) == tuple(sorted(names))
+
+
+def test_listing_needs_a_folder_with_images(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match=r"image folder .*none: cannot be read \(.*No such"):
+        list_images(tmp_path / "none")
+    with pytest.raises(InputDataError, match=r"no image found, but files named \.bmp \.jpeg"):
+        list_images(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "bmp"])
+def test_whole_images_give_their_size(tmp_path: Path, suffix: str) -> None:
+    assert check_image(image(tmp_path / f"a.{suffix}")) == (32, 24)
+
+
+def test_an_orientation_tag_does_not_change_the_size(tmp_path: Path) -> None:
+    tags = Image.Exif()
+    tags[0x0112] = 6  # to be turned by 90 degrees
+    Image.new("RGB", (32, 24)).save(tmp_path / "a.jpg", exif=tags)
+    assert check_image(tmp_path / "a.jpg") == (32, 24)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "bmp"])
+@pytest.mark.parametrize("kept", [0.02, 0.5, 0.9])
+def test_truncated_images_are_refused(tmp_path: Path, suffix: str, kept: float) -> None:
+    path = image(tmp_path / f"a.{suffix}")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    with pytest.raises(InputDataError, match=rf"^image .*a\.{suffix}: cannot be decoded \(.+\)"):
+        check_image(path)
+
+
+def test_other_unusable_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.png").touch()
+    with pytest.raises(InputDataError, match=r"empty\.png: cannot be decoded \(the file is empty"):
+        check_image(tmp_path / "empty.png")
+    (tmp_path / "text.png").write_text("no image")
+    with pytest.raises(InputDataError, match=r"text\.png: cannot be decoded \(cannot identify"):
+        check_image(tmp_path / "text.png")
+    with pytest.raises(InputDataError, match=r"none\.png: no such file"):
+        check_image(tmp_path / "none.png")
+    with pytest.raises(InputDataError, match=r"cannot be decoded \(.*directory"):
+        check_image(tmp_path)
+
+
+def test_damaged_bytes_give_a_size_or_an_input_data_error(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    for suffix in ("jpg", "png", "tif", "bmp"):
+        content = bytearray(image(tmp_path / f"a.{suffix}").read_bytes())
+        for _ in range(40):
+            damaged = bytearray(content)
+            for place in rng.integers(0, min(len(damaged), 300), 3):
+                damaged[place] = int(rng.integers(256))
+            (tmp_path / f"b.{suffix}").write_bytes(damaged)
+            try:
+                width, height = check_image(tmp_path / f"b.{suffix}")
+            except InputDataError:
+                continue
+            assert width > 0
+            assert height > 0
+
+
+@pytest.mark.parametrize("factor", [0.4, 0.9])  # Pillow raises above twice the limit, else warns
+def test_decompression_bombs_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    monkeypatch.setattr(images.Image, "MAX_IMAGE_PIXELS", int(factor * 32 * 24))
+    with pytest.raises(InputDataError, match=r"a\.png: too large to decode safely \(Image size"):
+        check_image(image(tmp_path / "a.png"))
+
+
+def test_an_image_set_has_one_size(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        image(tmp_path / name)
+    calls: list[tuple[str, int, int | None]] = []
+    size = read_image_set(tmp_path, ["a.png", "b.png"], lambda *call: calls.append(call))
+    assert size == (32, 24)
+    assert calls == [("images", 1, 2), ("images", 2, 2)]
+    image(tmp_path / "c.png", (24, 32))
+    with pytest.raises(InputDataError, match=r"c\.png: 24 x 32 pixels, but a\.png has 32 x 24"):
+        read_image_set(tmp_path, ["a.png", "b.png", "c.png"])
+
+
+def test_masks(tmp_path: Path) -> None:
+    mask = tmp_path / "a.jpg.png"
+    with pytest.raises(InputDataError, match=r"a\.jpg\.png: no such file, but image a\.jpg needs"):
+        check_masks(tmp_path, ["a.jpg"], (32, 24))
+    image(mask, mode="L")
+    check_masks(tmp_path, ["a.jpg"], (32, 24))
+    with pytest.raises(InputDataError, match="32 x 24 pixels, but the images have 64 x 48"):
+        check_masks(tmp_path, ["a.jpg"], (64, 48))
+    for mode in ("L", "RGB", "RGBA", "P", "1", "I;16"):
+        Image.new(mode, (32, 24), (0, 0, 0, 255) if mode == "RGBA" else None or 0).save(mask)
+        with pytest.raises(InputDataError, match=r"a\.jpg\.png: all black"):
+            check_masks(tmp_path, ["a.jpg"], (32, 24))
+    mask.write_bytes(mask.read_bytes()[:40])
+    with pytest.raises(InputDataError, match=r"^mask .*a\.jpg\.png: cannot be decoded"):
+        check_masks(tmp_path, ["a.jpg"], (32, 24))
+
+
+def test_pairing_is_by_name_and_says_what_is_left_out() -> None:
+    pairing = pair_names(["a", "b", "c"], ["d", "c", "a"])
+    assert pairing.paired == ("a", "c")
+    assert pairing.images_without_pose == ("b",)
+    assert pairing.poses_without_image == ("d",)
+
+
+def test_nothing_to_pair_shows_examples() -> None:
+    with pytest.raises(InputDataError, match=r"like 'a\.png', poses like 'a';"):
+        pair_names(["a.png", "b.png"], ["a", "b"])
+    with pytest.raises(InputDataError, match=r"like 'a\.png', poses like \(none\)"):
+        pair_names(["a.png"], [])
+
+
+def test_names_that_are_not_unicode_can_be_listed_and_shown(tmp_path: Path) -> None:
+    name = os.fsdecode(b"frame_\xff.png")
+    image(tmp_path / "a.png").rename(tmp_path / name)
+    assert list_images(tmp_path) == (name,)
+    with pytest.raises(InputDataError, match="udcff"):
+        pair_names(list_images(tmp_path), ["a.png"])
