@@ -41,8 +41,7 @@ NORMAL_MEDIAN = 0.6745
 # Rotations of robot and camera that differ by more than this (median, radians) at the best R_X
 # are not those of one rigid body. The median: a few exchanged rows are another fault.
 NO_FIT = math.radians(10.0)
-# Third over first singular value above which three translations are independent enough to tell
-# a rotation from a reflection.
+# Least over greatest extent of the translations above which they tell a rotation from a reflection.
 SOLID = 0.1
 
 
@@ -79,8 +78,11 @@ def andreff_scale(pairs: MotionPairs) -> MotionSolution:
         R_X = _rotation_about_one_axis(pairs, spread)
         found = spread.axes[:, 1:]
     else:
-        R_X = rotation_from_kronecker(pairs)
         found = np.eye(3)
+        R_X = min(
+            rotations_from_kronecker(pairs, max(NO_ROTATION, noise)),
+            key=lambda R: _translation_equations(pairs, R, found)[2],
+        )
     t_X, metres_per_world_unit = _translation_and_scale(pairs, R_X, found)
     X = np.eye(4)
     X[:3, :3] = R_X
@@ -88,7 +90,7 @@ def andreff_scale(pairs: MotionPairs) -> MotionSolution:
     return MotionSolution(gripper_T_camera=X, metres_per_world_unit=metres_per_world_unit)
 
 
-def rotation_from_kronecker(pairs: MotionPairs) -> Array:
+def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
     """R_X (3, 3) from rotations about two axes or more, by the paper's linear formulation.
 
     The null vector of the stacked ``R_A kron I - I kron R_B^T`` on vec(R_X) by rows. The normal
@@ -96,23 +98,50 @@ def rotation_from_kronecker(pairs: MotionPairs) -> Array:
     strongest eigenvector of the sum of the symmetric parts of ``R_A kron R_B``: memory does not
     grow with the motions, and rotations by 180 degrees are like any other.
 
+    Rotations about one axis together with half turns about perpendicular ones leave two solutions,
+    which differ by a half turn; half turns about three perpendicular axes leave four. The null
+    space then has as many dimensions less one or none, and only the translations can choose.
+
     Args:
         pairs: the motions; their translations are not used.
+        noise: rotations that differ by less than this (radians) cannot be told apart.
 
-    Raises:
-        UnobservableError: the null space has two dimensions or more.
+    Returns:
+        The rotation, or all rotations that fit equally well.
     """
     R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
     total = np.einsum("kij,kab->iajb", R_A, R_B).reshape(9, 9)
-    values, vectors = np.linalg.eigh(total + total.T)
-    if values[-1] - values[-2] <= RANK_TOLERANCE * len(pairs):
-        raise UnobservableError(
-            "several orientations of the camera on the gripper fit the rotations equally well, as "
-            "with one axis only, or with half turns about perpendicular axes only. Add poses that "
-            "turn the gripper by 20 to 90 degrees about two different axes"
-        )
-    V = vectors[:, -1].reshape(3, 3)
-    # The paper rescales by sign(det V) / |det V|^(1/3); the projection needs only the sign.
+    values, vectors = np.linalg.eigh(2.0 * len(pairs) * np.eye(9) - total - total.T)
+    # What a rotation does that is off by `noise`: |R(noise) - I|_F^2 = 2 noise^2 for each motion.
+    limit = 2.0 * noise**2 * len(pairs)
+    null = vectors[:, values <= limit]
+    best = _projected(vectors[:, 0])
+    if null.shape[1] < 2:
+        return [best]
+    # Null vectors are D R_X with D symmetric; its eigenvectors are the axes of the half turns. Two
+    # unequal mixtures of the basis, since any single vector may be singular.
+    weights = np.arange(1.0, null.shape[1] + 1.0)
+    mixed, other = null @ np.sqrt(weights), (null @ weights[::-1]).reshape(3, 3)
+    candidates = []
+    for R in (best, _projected(mixed)):
+        D = other @ R.T
+        _, axes = np.linalg.eigh(D + D.T)
+        half_turns = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes.T]
+        turned = [R, *(half_turn @ R for half_turn in half_turns)]
+        candidates += [_projected(null @ (null.T @ R_turned.reshape(9))) for R_turned in turned]
+    misfits = [float(6.0 * len(pairs) - 2.0 * R.ravel() @ total @ R.ravel()) for R in candidates]
+    best_misfit = min(misfits)
+    return [
+        R for R, misfit in zip(candidates, misfits, strict=True) if misfit <= best_misfit + limit
+    ]
+
+
+def _projected(vector: Array) -> Array:
+    """The rotation nearest to plus or minus a vector (9,) of matrix entries by rows.
+
+    The paper rescales by sign(det V) / |det V|^(1/3); the projection needs only the sign.
+    """
+    V = vector.reshape(3, 3)
     return orthonormalised(np.copysign(1.0, np.linalg.det(V)) * V)
 
 
@@ -152,7 +181,7 @@ def _rotation_from_translations(pairs: MotionPairs) -> Array:
             "that line is not determined. Add poses that turn the gripper by 20 degrees or more "
             "about two different axes"
         )
-    if np.linalg.det(correlation) < 0.0 and singular[2] > SOLID * singular[0]:
+    if np.linalg.det(correlation) < 0.0 and singular[2] > SOLID**2 * singular[0]:
         raise InputDataError(_negative_scale())
     return orthonormalised(correlation)
 
@@ -179,7 +208,7 @@ def _rotation_about_one_axis(pairs: MotionPairs, spread: AxisSpread) -> Array:
     )
     # The two components across the axis.
     across = np.einsum("xp,kxc->kpc", plane, columns).reshape(-1, 4)
-    solution, covariance = _least_squares(across, -(t_A @ plane).reshape(-1), pairs)
+    solution, covariance, _ = _least_squares(across, -(t_A @ plane).reshape(-1), pairs)
     ab = solution[2:]
     if not np.linalg.norm(ab) > SIGNIFICANT * math.sqrt(np.trace(covariance[2:, 2:])):
         raise UnobservableError(
@@ -240,15 +269,10 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
         InputDataError: the scale is negative.
         UnobservableError: the scale cannot be told from zero.
     """
-    R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
-    v = pairs.ci_T_cj[:, :3, 3] @ R_X.T
-    columns = np.concatenate([(R_A - np.eye(3)) @ found, -v[:, :, None]], axis=2)
-    solution, covariance = _least_squares(
-        columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs
-    )
+    solution, covariance, _ = _translation_equations(pairs, R_X, found)
     scale, sigma = float(solution[-1]), math.sqrt(covariance[-1, -1])
     if not abs(scale) > SIGNIFICANT * sigma:
-        R_B = pairs.ci_T_cj[:, :3, :3]
+        R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
         misfit = rotation_angle(np.swapaxes(R_A @ R_X, 1, 2) @ (R_X @ R_B))
         if float(np.median(misfit)) > NO_FIT:
             raise InputDataError(
@@ -265,6 +289,16 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
     return found @ solution[:-1], scale
 
 
+def _translation_equations(
+    pairs: MotionPairs, R_X: Array, found: Array
+) -> tuple[Array, Array, float]:
+    """Least squares for (components of t_X along ``found``, lambda): see ``_least_squares``."""
+    R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
+    v = pairs.ci_T_cj[:, :3, 3] @ R_X.T
+    columns = np.concatenate([(R_A - np.eye(3)) @ found, -v[:, :, None]], axis=2)
+    return _least_squares(columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs)
+
+
 def _negative_scale() -> str:
     return (
         "the scale came out negative, which no camera can have: the robot poses follow another "
@@ -273,8 +307,8 @@ def _negative_scale() -> str:
     )
 
 
-def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Array, Array]:
-    """Minimum-norm solution (d,) and its covariance (d, d); infinite where it is free.
+def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Array, Array, float]:
+    """Minimum-norm solution (d,), covariance (d, d; infinite where free), sum of squares.
 
     Pairs that share poses repeat the same noise: n poses hold n - 1 independent motions, and the
     covariance is enlarged accordingly.
@@ -292,4 +326,4 @@ def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Arr
     covariance = (vt.T * (variance * weights**2)) @ vt
     touched = np.any(np.abs(vt[free]) > math.sqrt(RANK_TOLERANCE), axis=0)
     covariance[touched, touched] = np.inf
-    return solution / norms, covariance / np.outer(norms, norms)
+    return solution / norms, covariance / np.outer(norms, norms), squares
