@@ -10,13 +10,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from handeye_fg import frames
-from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.io.results import ImageReport, Result, std_rotation_deg, std_translation_mm
 from handeye_fg.report import wording
 
 # Stand-ins that matplotlib draws with and the page replaces by its own colours.
@@ -30,7 +29,8 @@ _VARIABLES = {
     _SECOND: "var(--second)",
     _BAD: "var(--bad)",
 }
-_STYLE = {
+# Any: the keys' type is a literal of all settings.
+_STYLE: dict[Any, Any] = {
     "svg.hashsalt": "handeye-fg",
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -78,16 +78,16 @@ class Drawing:
 def drawings(result: Result) -> tuple[Drawing, ...]:
     """All figures that the result has data for."""
     placed = tuple(image for image in result.images if image.base_T_camera is not None)
-    makers = [
-        lambda: _residuals(placed),
-        lambda: _centres(result, placed),
-        lambda: _reprojection(placed),
-        lambda: _correlations(result),
-    ]
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
         # A name in a script that the measuring font lacks is still drawn by the browser's font.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        return tuple(drawing for make in makers if (drawing := make()) is not None)
+        candidates = (
+            _residuals(placed),
+            _centres(result, placed),
+            _reprojection(placed),
+            _correlations(result),
+        )
+    return tuple(drawing for drawing in candidates if drawing is not None)
 
 
 def _residuals(images: Sequence[ImageReport]) -> Drawing | None:
@@ -108,7 +108,7 @@ def _residuals(images: Sequence[ImageReport]) -> Drawing | None:
         title="Reported against refined robot pose",
         caption="Distance and angle between each robot pose as reported and as refined. "
         f"Largest distance: {wording.number(millimetres[worst])} mm at "
-        f"{wording.printable(shown[worst].name)}. Rejected poses are hatched.",
+        f"{wording.printable(shown[worst].name)}. Rejected poses are hatched; a bar that is cut off has its value above it.",
     )
 
 
@@ -166,7 +166,8 @@ def _centres(result: Result, images: Sequence[ImageReport]) -> Drawing | None:
 
 def _correlations(result: Result) -> Drawing:
     sigmas = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
-    known = sigmas > 0.0
+    stds = (*std_rotation_deg(result), *std_translation_mm(result))
+    known = np.array([std is not None and std > 0.0 for std in stds])
     divisor = np.where(known, sigmas, 1.0)
     correlations = result.covariance / np.outer(divisor, divisor)
     labels = ["rot x", "rot y", "rot z", "tra x", "tra y", "tra z"]
@@ -214,6 +215,16 @@ def _bars(axes: Any, images: Sequence[ImageReport], values: Sequence[float], lab
     for bar, image in zip(bars, images, strict=True):
         if image.outlier:
             bar.set(facecolor="none", edgecolor=_BAD, hatch="////", linewidth=0.8)
+    kept = [value for value, image in zip(values, images, strict=True) if not image.outlier]
+    limit = 1.6 * max(kept, default=0.0)
+    if 0.0 < limit < max(values):
+        # Else one bad pose makes all others invisible.
+        axes.set_ylim(0.0, limit)
+        for i, value in enumerate(values):
+            if value > limit:
+                axes.text(
+                    i, limit, wording.significant(value), ha="center", va="bottom", color=_BAD
+                )
     axes.set_ylabel(label)
     axes.grid(visible=False, axis="x")
     axes.margins(x=0.01)
@@ -229,11 +240,10 @@ def _name_axis(axes: Any, images: Sequence[ImageReport]) -> None:
 
 def _drawing(figure: Figure, identifier: str, *, title: str, caption: str) -> Drawing:
     """Render a figure and make it part of a page: its colours, its own ids, a description."""
-    buffer = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(
-        buffer, metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
-    )
-    text = buffer.getvalue()
+    buffer = io.BytesIO()
+    metadata = {"Creator": None, "Date": None, "Format": None, "Type": None}
+    figure.savefig(buffer, format="svg", metadata=metadata)
+    text = buffer.getvalue().decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
     for stand_in, variable in _VARIABLES.items():

@@ -11,7 +11,13 @@ from jinja2 import Environment, StrictUndefined
 from handeye_fg import frames
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.files import write_atomic
-from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.io.results import (
+    ImageReport,
+    Result,
+    parent_frame,
+    std_rotation_deg,
+    std_translation_mm,
+)
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
 
@@ -51,13 +57,13 @@ def render(result: Result) -> str:
 
 def _context(result: Result) -> dict[str, object]:
     """What the template shows, as text."""
-    std_rotation, std_translation = wording.standard_deviations(result)
+    std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
     matrix = result.matrix
     return {
         "ok": result.status == "ok",
         "message": result.message,
         "name": wording.transform_name(result),
-        "parent": wording.parent(result),
+        "parent": parent_frame(result.setup),
         "setup": result.setup,
         "meaning": wording.meaning(result),
         "direction": wording.direction(result),
@@ -74,8 +80,8 @@ def _context(result: Result) -> dict[str, object]:
         "std_translation": wording.numbers(std_translation, 3),
         "interval_rotation": _interval(std_rotation, 4),
         "interval_translation": _interval(std_translation, 3),
-        "worst_rotation": _largest(std_rotation, 4),
-        "worst_translation": _largest(std_translation, 3),
+        "worst_rotation": _largest(std_rotation, 4, "deg"),
+        "worst_translation": _largest(std_translation, 3, "mm"),
         "matrix": [wording.numbers(row, 7) for row in matrix],
         "matrix_text": _python_text(matrix),
         "translation": wording.numbers(matrix[:3, 3], 6),
@@ -113,10 +119,13 @@ def _interval(sigmas: tuple[float | None, ...], digits: int) -> tuple[str, ...]:
     )
 
 
-def _largest(sigmas: tuple[float | None, ...], digits: int) -> str | None:
+def _largest(sigmas: tuple[float | None, ...], digits: int, unit: str) -> str | None:
     """The largest standard deviation of the determined components; None without any."""
     known = [sigma for sigma in sigmas if sigma is not None]
-    return wording.number(max(known), digits) if known else None
+    if not known:
+        return None
+    std = wording.number(max(known), digits)
+    return f"{std} {unit} (95 %: ± {wording.number(_NORMAL_95 * max(known), digits)} {unit})"
 
 
 def _python_text(matrix: Array) -> str:

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from handeye_fg.frames import Array, quaternion_xyzw
-from handeye_fg.io.results import Result
+from handeye_fg.io.results import Result, std_rotation_deg, std_translation_mm
 from handeye_fg.report import wording
 
 
@@ -16,7 +16,7 @@ def summary_text(result: Result, report: Path | None = None) -> str:
         report: the page to point at, if one was written.
     """
     name = wording.transform_name(result)
-    std_rotation, std_translation = wording.standard_deviations(result)
+    std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
     noise = result.noise
     lines = [
         wording.printable(result.message),

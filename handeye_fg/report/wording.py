@@ -3,10 +3,8 @@
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from handeye_fg.frames import Array
-from handeye_fg.io.results import Result
+from handeye_fg.io.results import Result, parent_frame
 
 MISSING = "—"
 COVARIANCE_CONVENTION = (
@@ -14,15 +12,21 @@ COVARIANCE_CONVENTION = (
     "X = mean · Exp(ξ), ξ ~ N(0, covariance), as in GTSAM."
 )
 
-
-def parent(result: Result) -> str:
-    """The frame in which X places the camera."""
-    return "gripper" if result.setup == "eye-in-hand" else "base"
+_FOCAL, _TWO_FOCAL = ("f", "cx", "cy"), ("fx", "fy", "cx", "cy")
+_PARAMETERS = {
+    "SIMPLE_PINHOLE": _FOCAL,
+    "PINHOLE": _TWO_FOCAL,
+    "SIMPLE_RADIAL": (*_FOCAL, "k"),
+    "RADIAL": (*_FOCAL, "k1", "k2"),
+    "OPENCV": (*_TWO_FOCAL, "k1", "k2", "p1", "p2"),
+    "OPENCV_FISHEYE": (*_TWO_FOCAL, "k1", "k2", "k3", "k4"),
+    "FULL_OPENCV": (*_TWO_FOCAL, "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+}
 
 
 def transform_name(result: Result) -> str:
     """X by its frames, such as gripper_T_camera."""
-    return f"{parent(result)}_T_camera"
+    return f"{parent_frame(result.setup)}_T_camera"
 
 
 def meaning(result: Result) -> str:
@@ -30,42 +34,23 @@ def meaning(result: Result) -> str:
     carrier = "mounted on the gripper" if result.setup == "eye-in-hand" else "standing in the cell"
     return (
         f"X = {transform_name(result)} is the pose of the camera, {carrier}, in the "
-        f"{parent(result)} frame (camera frame: z forward, x right, y down)."
+        f"{parent_frame(result.setup)} frame (camera frame: z forward, x right, y down)."
     )
 
 
 def direction(result: Result) -> str:
     """One sentence on which way X maps points."""
-    frame = parent(result)
+    frame = parent_frame(result.setup)
     return (
         f"Put a point given in camera coordinates into {frame} coordinates: "
         f"p_{frame} = {transform_name(result)} p_camera."
     )
 
 
-def standard_deviations(
-    result: Result,
-) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Standard deviations of X along the camera's axes; None where the data leave one free.
-
-    Returns:
-        Three of the rotation in degrees and three of the translation in millimetres.
-    """
-    sigmas = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
-    parent_R_camera = result.matrix[:3, :3]
-    free = np.zeros(6, dtype=bool)
-    for item in result.free_directions:
-        touched = np.abs(parent_R_camera.T @ item.vector) > 1e-6
-        if item.kind == "rotation":
-            free[:3] |= touched
-        elif item.kind == "translation":
-            free[3:] |= touched
-    rotation = np.degrees(sigmas[:3])
-    translation = 1000.0 * sigmas[3:]
-    return (
-        tuple(None if free[i] else float(rotation[i]) for i in range(3)),
-        tuple(None if free[3 + i] else float(translation[i]) for i in range(3)),
-    )
+def parameter_names(model: str, n: int) -> tuple[str, ...]:
+    """Names of a camera model's parameters in COLMAP's order; numbers for an unlisted model."""
+    names = _PARAMETERS.get(model, ())
+    return names if len(names) == n else tuple(str(i + 1) for i in range(n))
 
 
 def scale_is_free(result: Result) -> bool:

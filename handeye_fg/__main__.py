@@ -1,0 +1,8 @@
+"""``python -m handeye_fg``: the command line."""
+
+import sys
+
+from handeye_fg.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,227 @@
+import dataclasses
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.io.results import Result
+from handeye_fg.report import summary_text, write_report
+from handeye_fg.report.page import render
+from handeye_fg.report.wording import printable
+from handeye_fg.types import FreeDirection
+
+ATTACK = "<img src=x onerror=alert(1)>.jpg"
+VOID = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """Tags, ids and the balance of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.labels: list[str] = []
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            assert not name.startswith("on"), (tag, name)
+            if name == "id":
+                self.ids.append(value or "")
+            if name == "aria-label":
+                self.labels.append(value or "")
+            if name in {"src", "href", "xlink:href", "data", "action"}:
+                self.addresses.append(value or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def free_direction(kind: str, vector: list[float]) -> FreeDirection:
+    return FreeDirection(
+        kind=kind,  # type: ignore[arg-type]
+        vector=np.array(vector),
+        frame="gripper",
+        description="The height of the camera along the gripper's z axis is free; tilt the arm.",
+    )
+
+
+def test_page_is_one_well_formed_file(result: Result, tmp_path: Path) -> None:
+    path = write_report(result, tmp_path / "new" / "folder")
+    assert path == tmp_path / "new" / "folder" / "report.html"
+    assert list(path.parent.iterdir()) == [path]
+    text = path.read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert {"script", "link", "img", "iframe", "object"}.isdisjoint(page.tags)
+    assert all(address.startswith("#") for address in page.addresses)
+    assert {address[1:] for address in page.addresses} <= set(page.ids)
+    assert set(re.findall(r"url\(#([^)]*)\)", text)) <= set(page.ids)
+    assert "://" not in text
+    assert '<html lang="en">' in text
+    assert page.tags.count("h1") == 1
+
+
+def test_figures_have_descriptions_and_follow_the_theme(result: Result) -> None:
+    text = render(result)
+    drawings = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
+    assert len(drawings) == 4
+    for drawing in drawings:
+        root = ET.fromstring(drawing)
+        assert root.get("role") == "img"
+        assert len(root.get("aria-label") or "") > 20
+        # No colour of its own: on a dark page a fixed black could not be seen.
+        assert not re.search(r"(fill|stroke): #", drawing)
+        assert not re.search(r"(fill|stroke): (black|white)", drawing)
+    for name in ("ink", "muted", "line", "first", "second", "bad"):
+        assert f"--{name}:" in text
+
+
+def test_page_says_what_a_person_needs(result: Result) -> None:
+    text = " ".join(render(result).split())
+    for words in (
+        "Calibrated.",
+        "Put a point given in camera coordinates into gripper coordinates: p_gripper =",
+        "p_gripper = gripper_T_camera p_camera.",
+        "right perturbation in the camera frame",
+        "0.0286 deg (95 %: ± 0.0561 deg)",
+        "0.410 mm (95 %: ± 0.804 mm)",
+        "0.2345679 ± 0.00012 metres per world unit",
+        "Noise found in the data",
+        "Refined near the values of the file",
+        "too few matches with other images",
+        "17 of 18 images registered, 1 robot pose rejected",
+        "andreff_scale",
+    ):
+        assert words in text, words
+    order = [text.index(f"<h2>{title}") for title in ("The transform", "Uncertainty", "Intrinsics")]
+    order += [text.index(f"<h2>{title}") for title in ("Images", "Figures", "From the", "How it")]
+    assert order == sorted(order)
+
+
+def test_same_result_gives_same_bytes(result: Result) -> None:
+    assert render(result) == render(result)
+
+
+def test_partial_result_names_what_is_free(result: Result) -> None:
+    directions = (
+        free_direction("translation", result.matrix[:3, 0].tolist()),
+        free_direction("rotation", (result.matrix[:3, :3] @ [0.6, 0.64, 0.48]).tolist()),
+        free_direction("scale", [0.0, 0.0, 0.0]),
+    )
+    partial = dataclasses.replace(result, status="partial", free_directions=directions)
+    text = " ".join(render(partial).split())
+    assert "Partially calibrated." in text
+    assert text.count("tilt the arm") == 3
+    assert "metres per world unit, undetermined by the data" in text
+    assert "rotation undetermined about each of them" in text
+    row = re.search(r"translation, std \(mm\)</th>(.*?)</tr>", text)
+    assert row
+    # The free direction is the camera's x axis: its std is no number, the others are.
+    assert re.findall(r"<td>(.*?)</td>", row[1]) == ["—", "0.250", "0.410"]
+    assert "NaN" not in text
+    assert "undetermined" in summary_text(partial)
+    assert "tilt the arm" in summary_text(partial)
+
+
+def test_static_camera_is_in_the_base_frame(result: Result) -> None:
+    text = render(dataclasses.replace(result, setup="eye-to-hand"))
+    assert "p_base = base_T_camera p_camera" in text
+    assert "gripper_T_camera" not in text
+    assert "Where the camera was" not in text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        ATTACK,
+        "</svg></figure><script>alert(1)</script>",
+        '" onload="alert(1)',
+        "$\\frac{1}{$.jpg",
+        "-->{{ 7 * 7 }}<!--",
+        "画像 один.jpg",
+        "bell\a escape\x1b[31m null.jpg",
+        "not\udce9utf8.jpg",
+        "#010101 url(#a) id=",
+        "x" * 300,
+    ],
+)
+def test_hostile_names_stay_text(
+    name: str, renamed: Callable[[str], Result], tmp_path: Path
+) -> None:
+    hostile = dataclasses.replace(renamed(name), message=name, intrinsics_note=name)
+    text = write_report(hostile, tmp_path).read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.open == []
+    assert {"script", "img"}.isdisjoint(page.tags)
+    assert "\x1b" not in text
+    assert printable(name) in page.text
+    for drawing in re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL):
+        ET.fromstring(drawing)
+    assert "\x1b" not in summary_text(hostile)
+
+
+def test_hostile_name_is_readable_in_table_and_figure(renamed: Callable[[str], Result]) -> None:
+    text = render(renamed(ATTACK))
+    assert "&lt;img src=x onerror=alert(1)&gt;.jpg" in text
+    assert "<img" not in text
+    assert "&lt;img src=x" in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
+
+
+def test_few_and_many_images(result: Result) -> None:
+    none = dataclasses.replace(result, images=result.images[-1:])
+    assert render(none).count("<svg") == 1
+    many = dataclasses.replace(result, images=result.images[:17] * 20)
+    drawing = re.findall(r"<svg.*?</svg>", render(many), flags=re.DOTALL)[0]
+    assert 20 < drawing.count("frame_") <= 41
+
+
+def test_unlisted_camera_model_has_numbered_parameters(result: Result) -> None:
+    camera = dataclasses.replace(result.camera, model="THIN_PRISM")
+    text = render(dataclasses.replace(result, camera=camera))
+    assert '<th scope="row" class="text">8</th>' in text
+
+
+def test_unwritable_folder_is_an_input_error(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputDataError, match="file"):
+        write_report(result, tmp_path / "file")
+
+
+def test_summary_in_the_terminal(result: Result, tmp_path: Path) -> None:
+    text = summary_text(result, tmp_path / "report.html")
+    for words in (
+        "X = gripper_T_camera",
+        "std rotation     0.0229  0.0286  0.0115  deg",
+        "std translation  0.300  0.250  0.410  mm",
+        "0.2345679 ± 0.00012 metres per world unit",
+        "noise estimated  pixel 0.43 px, robot 0.0286 deg and 0.3 mm per axis",
+        "17 of 18 registered, 1 robot pose rejected",
+        "undetermined     nothing",
+        "p_gripper = gripper_T_camera p_camera.",
+        f"Report: {tmp_path / 'report.html'}",
+    ):
+        assert words in text, words
+    assert "Report:" not in summary_text(result)
