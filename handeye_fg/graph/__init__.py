@@ -1,1 +1,11 @@
-"""The factor graph: measurements, joint refinement, noise levels and covariance; see ``refine``."""
+"""The factor graph: measurements, joint refinement, noise levels and covariance.
+
+``refine_views`` is the entry point; ``refine`` does one refinement with intrinsics that are fixed or
+have a prior.
+"""
+
+from handeye_fg.graph.cameras import View, refine_views
+from handeye_fg.graph.refine import IntrinsicsPrior, refine, start_state
+from handeye_fg.graph.summary import Refinement
+
+__all__ = ["IntrinsicsPrior", "Refinement", "View", "refine", "refine_views", "start_state"]

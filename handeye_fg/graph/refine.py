@@ -20,6 +20,7 @@ from handeye_fg.graph.reduced import (
 )
 from handeye_fg.graph.summary import Refinement, reprojection_errors, summarise
 from handeye_fg.graph.variables import (
+    INTRINSICS,
     State,
     from_values,
     ordering,
@@ -250,6 +251,36 @@ def _fitted(
             )
 
 
+def intrinsics_pull(base_T_gripper: Array, kept: Refinement, prior: IntrinsicsPrior) -> float:
+    """How far the images would move intrinsics that were kept: a chi-square of 8.
+
+    It is the score test: one linear step from the optimum with the intrinsics as unknowns, against
+    the covariance of that step.
+
+    Args:
+        base_T_gripper: reported robot poses (n, 4, 4), metres.
+        kept: the optimum with the intrinsics at the centre of ``prior``.
+        prior: of the intrinsics, wide.
+    """
+    problem = _problem(
+        kept.state,
+        kept.tracks,
+        kept.sigma_scale,
+        kept.noise.pixel,
+        base_T_gripper,
+        "base",
+        prior,
+    )
+    values = to_values(kept.state, with_intrinsics=True)
+    solution = estimate_noise(problem.linearised(values, kept.noise), kept.noise, NoiseOptions())
+    columns = np.delete(problem.layout.columns(INTRINSICS), 2)  # without the skew
+    step = solution.step[columns]
+    covariance = solution.covariance[np.ix_(columns, columns)]
+    scale = np.sqrt(np.diag(covariance))
+    shaped = covariance / np.outer(scale, scale)
+    return float(step / scale @ np.linalg.solve(shaped, step / scale))
+
+
 def refine(
     model: SfmModel,
     base_T_gripper: Array,
@@ -294,6 +325,7 @@ def refine(
     return summarise(
         model,
         tracks,
+        scales,
         fit.state,
         fit.linearised,
         fit.solution,

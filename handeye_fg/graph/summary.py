@@ -24,24 +24,26 @@ class Refinement:
 
     Attributes:
         state: refined values.
+        tracks: the observations that were used; ``points_world`` as they were before.
+        sigma_scale: their relative standard deviations (m,).
         observability: covariance of X, and what is free.
         metres_per_world_unit, metres_per_world_unit_std: the refined cameras' root mean square
             distance from their centre in metres, over the same in the SfM model.
         base_T_camera: refined camera poses (n, 4, 4), metres.
         base_T_world: the SfM model's world in the base, metres.
-        intrinsics_std: standard deviations (8,) of ``state.opencv_params``; zeros where fixed.
-        intrinsics_covariance: (8, 8) of the same, zeros where fixed.
+        intrinsics_covariance: (8, 8) of ``state.opencv_params``; zeros where fixed.
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
         residuals: (n, 6) reported robot pose against the refined one, radians and metres.
         outliers: (n,) whether a robot pose disagrees with the rest beyond its noise.
         reprojection_rms: (n,) pixels.
-        n_points, n_observations: used in the end.
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
     """
 
     state: State
+    tracks: Tracks
+    sigma_scale: Array
     observability: Observability
     metres_per_world_unit: float
     metres_per_world_unit_std: float
@@ -53,8 +55,6 @@ class Refinement:
     residuals: Array
     outliers: NDArray[np.bool_]
     reprojection_rms: Array
-    n_points: int
-    n_observations: int
     iterations: int
     converged: bool
 
@@ -121,6 +121,7 @@ def _outliers(rows: Rows, covariance: Array) -> NDArray[np.bool_]:
 def summarise(
     model: SfmModel,
     tracks: Tracks,
+    sigma_scale: Array,
     state: State,
     linearised: Linearised,
     solution: Solution,
@@ -134,6 +135,7 @@ def summarise(
     Args:
         model: the SfM model, which defines the world's unit.
         tracks: the observations that were used.
+        sigma_scale: their relative standard deviations (m,).
         state: the optimum.
         linearised: the problem there.
         solution: noise levels and covariance there.
@@ -160,6 +162,8 @@ def summarise(
         intrinsics_covariance = solution.covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
+        tracks=tracks,
+        sigma_scale=sigma_scale,
         observability=analyse(joint, state.gripper_T_camera, frame),
         metres_per_world_unit=metres_per_unit,
         metres_per_world_unit_std=metres_per_unit * float(np.sqrt(joint[6, 6])),
@@ -171,8 +175,6 @@ def summarise(
         residuals=linearised.robot.residual,
         outliers=_outliers(linearised.robot, solution.robot_covariance),
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),
-        n_points=len(state.points_world),
-        n_observations=len(tracks.pixels),
         iterations=iterations,
         converged=converged,
     )

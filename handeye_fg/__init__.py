@@ -1,0 +1,53 @@
+"""Hand-eye calibration from ordinary images, with an honest uncertainty.
+
+``calibrate`` takes a folder of images and the robot's poses, ``refine`` an existing COLMAP model and
+the poses; both return a ``Result``. The conventions are in ``handeye_fg.frames``. Names are imported
+when they are first used, so that ``import handeye_fg`` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from handeye_fg.errors import (
+        ConvergenceError,
+        HandEyeError,
+        InputDataError,
+        ReconstructionError,
+        UnobservableError,
+    )
+    from handeye_fg.from_model import refine
+    from handeye_fg.io.result_reader import load_result
+    from handeye_fg.io.results import Result
+    from handeye_fg.options import GraphOptions, NoiseOptions, Options, SfmOptions
+    from handeye_fg.pipeline import calibrate
+
+__all__ = [
+    "ConvergenceError",
+    "GraphOptions",
+    "HandEyeError",
+    "InputDataError",
+    "NoiseOptions",
+    "Options",
+    "ReconstructionError",
+    "Result",
+    "SfmOptions",
+    "UnobservableError",
+    "calibrate",
+    "load_result",
+    "refine",
+]
+
+_HOME = {
+    "Result": "io.results",
+    "calibrate": "pipeline",
+    "load_result": "io.result_reader",
+    "refine": "from_model",
+    **dict.fromkeys(("GraphOptions", "NoiseOptions", "Options", "SfmOptions"), "options"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'handeye_fg' has no attribute {name!r}")
+    return getattr(import_module(f"handeye_fg.{_HOME.get(name, 'errors')}"), name)

@@ -1,0 +1,220 @@
+"""What is done with the intrinsics: kept as given, or unknowns of the graph; entry ``refine_views``.
+
+GTSAM has COLMAP's OPENCV model (and the models that it contains) exactly. Any other model is kept
+fixed by moving the observations, with their noise, into an undistorted pinhole view of the same
+camera matrix; to refine such intrinsics, the graph takes the OPENCV model nearest to them.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.frames import Array
+from handeye_fg.graph.refine import IntrinsicsPrior, intrinsics_pull, refine, start_state
+from handeye_fg.graph.summary import Refinement
+from handeye_fg.graph.variables import State
+from handeye_fg.intrinsics import covers_image, fitted_opencv, pinhole_view
+from handeye_fg.options import Options
+from handeye_fg.progress import Progress
+from handeye_fg.types import CameraModel, LinearStart, SfmModel
+
+_EXACT = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_PERSPECTIVE = (*_EXACT, "FULL_OPENCV")
+
+# Standard deviations of a camera file's values: what a factory or a hasty calibration leaves.
+_FILE_FOCAL = 0.01  # of the focal length
+_FILE_CENTRE = 0.01  # of the image width
+_FILE_RADIAL, _FILE_TANGENTIAL = 0.1, 0.005
+# Without a file, so wide that they only keep a degenerate problem finite.
+_FREE_FOCAL, _FREE_CENTRE = 0.5, 0.05
+_FREE_RADIAL, _FREE_TANGENTIAL = 1.0, 0.05
+
+# The images contradict the file where its values are this improbable. The errors of features are
+# not quite independent, which makes the statistic two to three times as large as chi-square has it.
+_CONTRADICTION = 1e-6
+_OVERDISPERSION = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A refinement and the intrinsics that belong to it.
+
+    Attributes:
+        refinement: the optimum.
+        camera: final intrinsics; the given ones where they were kept.
+        refined: whether they were unknowns.
+        std: standard deviations (k,) of ``camera.params``, zeros where kept.
+        note: what was done and why, in words.
+    """
+
+    refinement: Refinement
+    camera: CameraModel
+    refined: bool
+    std: Array
+    note: str
+
+
+def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
+    """The prior around an OPENCV camera."""
+    focal, centre, radial, tangential = (
+        (_FREE_FOCAL, _FREE_CENTRE, _FREE_RADIAL, _FREE_TANGENTIAL)
+        if free
+        else (_FILE_FOCAL, _FILE_CENTRE, _FILE_RADIAL, _FILE_TANGENTIAL)
+    )
+    fx, fy = camera.params[:2]
+    width = float(camera.width)
+    return IntrinsicsPrior(
+        params=camera.params,
+        sigmas=np.array(
+            [focal * fx, focal * fy] + [centre * width] * 2 + [radial] * 2 + [tangential] * 2
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Call:
+    """The arguments that every refinement shares."""
+
+    options: Options
+    progress: Progress
+    frame: str
+
+    def refine(
+        self,
+        model: SfmModel,
+        base_T_gripper: Array,
+        start: State,
+        *,
+        intrinsics: IntrinsicsPrior | None,
+        sigma_scale: Array | None = None,
+    ) -> Refinement:
+        return refine(
+            model,
+            base_T_gripper,
+            start,
+            intrinsics=intrinsics,
+            sigma_scale=sigma_scale,
+            noise=self.options.noise,
+            options=self.options.graph,
+            progress=self.progress,
+            frame=self.frame,
+        )
+
+
+def _refined(
+    model: SfmModel,
+    base_T_gripper: Array,
+    camera: CameraModel,
+    linear: LinearStart,
+    call: _Call,
+    *,
+    note: str,
+    free: bool,
+) -> View:
+    """Refine with the intrinsics as unknowns, the prior around ``camera``."""
+    centre, misfit_px = fitted_opencv(camera)
+    if misfit_px > 0:
+        note += (
+            f" The graph refines the model OPENCV; the nearest to the given {camera.model} is "
+            f"{misfit_px:.2g} px (root mean square) away from it."
+        )
+    used, _ = fitted_opencv(model.camera)
+    start = start_state(model, used.params, linear)
+    prior = _prior(centre, free=free)
+    refinement = call.refine(model, base_T_gripper, start, intrinsics=prior)
+    return View(
+        refinement=refinement,
+        camera=replace(centre, params=refinement.state.opencv_params),
+        refined=True,
+        std=np.sqrt(np.diag(refinement.intrinsics_covariance)),
+        note=note,
+    )
+
+
+def _kept(
+    model: SfmModel, base_T_gripper: Array, camera: CameraModel, linear: LinearStart, call: _Call
+) -> Refinement:
+    """Refine with the given intrinsics, exactly, whatever their model."""
+    if camera.model in _EXACT:
+        opencv, _ = fitted_opencv(camera)
+        start = start_state(model, opencv.params, linear)
+        return call.refine(model, base_T_gripper, start, intrinsics=None)
+    view, pixels, scale = pinhole_view(camera, model.tracks.pixels)
+    moved = replace(model, tracks=replace(model.tracks, pixels=pixels))
+    start = start_state(moved, np.concatenate([view.params, np.zeros(4)]), linear)
+    return call.refine(moved, base_T_gripper, start, intrinsics=None, sigma_scale=scale)
+
+
+def refine_views(
+    model: SfmModel,
+    base_T_gripper: Array,
+    camera: CameraModel | None,
+    linear: LinearStart,
+    options: Options,
+    frame: str,
+    progress: Progress,
+) -> View:
+    """Refine with the intrinsics kept or refined, as the options and the images ask for.
+
+    Args:
+        model: the SfM model; where no camera is given, its intrinsics are the start.
+        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of the model's images.
+        camera: the given intrinsics, or None.
+        linear: the linear start.
+        options: of the calibration.
+        frame: parent frame of X.
+        progress: told the number of iterations.
+
+    Raises:
+        InputDataError: the options ask to refine a camera model that cannot be refined.
+        ReconstructionError, ConvergenceError: as ``refine``.
+    """
+    call = _Call(options=options, progress=progress, frame=frame)
+    if camera is None:
+        note = "No camera file was given: the intrinsics were found from the images."
+        return _refined(model, base_T_gripper, model.camera, linear, call, note=note, free=True)
+    wish = options.graph.intrinsics
+    if camera.model not in _PERSPECTIVE:
+        if wish in ("prior", "free"):
+            raise InputDataError(
+                f"intrinsics of the model {camera.model} cannot be refined, only "
+                f"{', '.join(_PERSPECTIVE)} can; use --graph.intrinsics fixed"
+            )
+        wish = "fixed"
+    usable = covers_image(camera)
+    if wish == "fixed" and not usable:
+        raise InputDataError(
+            f"the camera file's distortion ({camera.model}) folds the image over before its corners, "
+            "so pixels there have no line of sight; use --graph.intrinsics prior to refine it, or "
+            "calibrate the camera again"
+        )
+    if wish in ("prior", "free"):
+        note = f"The camera file's intrinsics were refined ({wish})."
+        free = wish == "free"
+        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=free)
+    if not usable:
+        note = (
+            "The camera file's distortion folds the image over before its corners: its intrinsics "
+            "were refined, with the file's values as prior."
+        )
+        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
+    kept = _kept(model, base_T_gripper, camera, linear, call)
+    if wish == "auto" and camera.model in _PERSPECTIVE:
+        centre = kept.state.opencv_params
+        prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
+        pull = intrinsics_pull(base_T_gripper, kept, prior)
+        if pull > _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
+            note = (
+                "The images contradict the camera file's intrinsics (chi-square "
+                f"{pull:.0f} of {len(centre)}): they were refined, with the file's values as prior."
+            )
+            return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
+    return View(
+        refinement=kept,
+        camera=camera,
+        refined=False,
+        std=np.zeros(len(camera.params)),
+        note="The camera file's intrinsics were kept.",
+    )

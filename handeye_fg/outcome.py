@@ -1,0 +1,112 @@
+"""From the stages' answers to the result that users get."""
+
+from collections.abc import Mapping
+from importlib.metadata import version
+
+import numpy as np
+
+from handeye_fg.graph import Refinement, View
+from handeye_fg.inputs import Inputs
+from handeye_fg.io.config import options_digest
+from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.options import Options
+from handeye_fg.types import LinearStart, SfmModel
+
+_PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
+
+
+def assemble(
+    model: SfmModel,
+    inputs: Inputs,
+    linear: LinearStart,
+    view: View,
+    options: Options,
+    timing_s: Mapping[str, float],
+) -> Result:
+    """Put the result together.
+
+    Args:
+        model: the reconstruction.
+        inputs: the inputs.
+        linear: the linear start.
+        view: the refinement and its intrinsics.
+        options: as used.
+        timing_s: seconds by stage.
+    """
+    final = view.refinement
+    free = final.observability.free_directions
+    return Result(
+        status="partial" if free else "ok",
+        setup=options.setup,
+        message=_message(model, inputs, final),
+        matrix=final.state.gripper_T_camera,
+        covariance=final.observability.covariance,
+        free_directions=free,
+        metres_per_world_unit=final.metres_per_world_unit,
+        metres_per_world_unit_std=final.metres_per_world_unit_std,
+        base_T_world=final.base_T_world,
+        noise=final.noise,
+        initial=linear,
+        images=_images(model, inputs, final),
+        camera=view.camera,
+        intrinsics_refined=view.refined,
+        intrinsics_std=view.std,
+        intrinsics_note=view.note,
+        sfm=SfmSummary(
+            n_images=len(inputs.names),
+            n_registered=len(model.names),
+            n_points=len(model.tracks.points_world),
+            n_observations=len(model.tracks.pixels),
+            mean_reprojection_px=model.mean_reprojection_px,
+        ),
+        observability={
+            "weakest_std_over_limit": final.observability.weakest_std,
+            "observations_used": float(len(final.tracks.pixels)),
+            "pixel_degrees_of_freedom": final.redundancy[0],
+            "robot_rotation_degrees_of_freedom": final.redundancy[1],
+            "robot_translation_degrees_of_freedom": final.redundancy[2],
+            "iterations": float(final.iterations),
+        },
+        timing_s=timing_s,
+        provenance={
+            **{name: version(name) for name in _PACKAGES},
+            "options_digest": options_digest(options),
+            "input_digest": inputs.digest,
+            "seed": options.seed,
+        },
+    )
+
+
+def _images(model: SfmModel, inputs: Inputs, final: Refinement) -> tuple[ImageReport, ...]:
+    """One report for each image and each pose of the input, by name."""
+    reports = [
+        ImageReport(
+            name=name,
+            registered=True,
+            base_T_camera=final.base_T_camera[i],
+            residual_rotation=float(np.linalg.norm(final.residuals[i, :3])),
+            residual_translation=float(np.linalg.norm(final.residuals[i, 3:])),
+            reprojection_rms=float(final.reprojection_rms[i]),
+            outlier=bool(final.outliers[i]),
+            reason="the robot pose disagrees with the others" if final.outliers[i] else "",
+        )
+        for i, name in enumerate(model.names)
+    ]
+    without = (*model.unregistered, *inputs.left_out)
+    reports += [ImageReport(name=name, registered=False, reason=reason) for name, reason in without]
+    return tuple(sorted(reports, key=lambda report: report.name))
+
+
+def _message(model: SfmModel, inputs: Inputs, final: Refinement) -> str:
+    """What came out, in one or two sentences."""
+    n, total = len(model.names), len(inputs.names)
+    parts = [f"Calibrated from {n} of {total} images."]
+    if inputs.left_out:
+        parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
+    bad = [name for name, outlier in zip(model.names, final.outliers, strict=True) if outlier]
+    if bad:
+        parts.append(f"The robot poses of {', '.join(bad)} disagree with the others: check them.")
+    if not final.converged:
+        parts.append("The refinement stopped at its limit of iterations before it converged.")
+    parts += [direction.description for direction in final.observability.free_directions]
+    return " ".join(parts)

@@ -1,0 +1,74 @@
+"""The main flow: from images and robot poses to X with its uncertainty, in numbered steps."""
+
+import tempfile
+from pathlib import Path
+
+from handeye_fg import sfm
+from handeye_fg.graph import refine_views
+from handeye_fg.inputs import CameraSource, Inputs, PosesSource, read_inputs
+from handeye_fg.io.results import Result, parent_frame
+from handeye_fg.options import Options
+from handeye_fg.outcome import assemble
+from handeye_fg.progress import Progress, Stopwatch, silent
+from handeye_fg.solvers import linear_start
+from handeye_fg.types import SfmModel
+
+
+def calibrate(
+    images: str | Path,
+    poses: PosesSource,
+    camera: CameraSource = None,
+    masks: str | Path | None = None,
+    options: Options | None = None,
+    *,
+    output: str | Path | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Find the pose of a camera on a robot arm from ordinary images.
+
+    Args:
+        images: folder of the images.
+        poses: CSV file, or {image name: base_T_gripper (4, 4)} in metres.
+        camera: camera file, or intrinsics; None: they are found from the images.
+        masks: folder of masks ``NAME.png``, white = use.
+        options: None: defaults.
+        output: folder in which ``sfm/`` is kept for the next run; None: nothing is kept.
+        progress: told of every stage.
+
+    Raises:
+        HandEyeError: see its subclasses; the message says what to do.
+    """
+    options, clock = options or Options(), Stopwatch()
+    # 1. Read everything, and pair images and poses by name.
+    inputs = read_inputs(Path(images), poses, camera, masks, options, progress)
+    clock.lap("input")
+    # 2. Structure from motion: camera poses and points up to a similarity.
+    with tempfile.TemporaryDirectory() as scratch:
+        model = sfm.reconstruct(
+            inputs.images,
+            inputs.names,
+            inputs.camera,
+            masks=inputs.masks,
+            folder=Path(output or scratch) / "sfm",
+            options=options.sfm,
+            seed=options.seed,
+            progress=progress,
+        )
+    clock.lap("sfm")
+    return solve_model(model, inputs, options, clock, progress)
+
+
+def solve_model(
+    model: SfmModel, inputs: Inputs, options: Options, clock: Stopwatch, progress: Progress
+) -> Result:
+    """The steps from a reconstruction on."""
+    reported = inputs.robot_poses(model.names)
+    # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
+    linear = linear_start(reported, model.world_T_camera)
+    clock.lap("linear start")
+    # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
+    parent = parent_frame(options.setup)
+    view = refine_views(model, reported, inputs.camera, linear, options, parent, progress)
+    clock.lap("refinement")
+    # 5. X, its covariance, and what is to be known of every image.
+    return assemble(model, inputs, linear, view, options, clock.timing_s)
