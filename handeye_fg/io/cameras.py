@@ -10,7 +10,7 @@ import yaml
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.io.fields import Fields, shown
+from handeye_fg.io.fields import Fields, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.types import CameraModel
 
@@ -123,8 +123,9 @@ def _parsed(path: Path) -> Fields:
     try:
         documents = [d for d in yaml.load_all(text, Loader=_Loader) if d is not None]
     except _MALFORMED as error:
-        reason = " ".join(str(error).split())
-        raise InputDataError(f"camera file {path}: not valid YAML ({reason}); {_REMEDY}") from error
+        raise InputDataError(
+            f"camera file {path}: not valid YAML ({reason(error)}); {_REMEDY}"
+        ) from error
     if len(documents) != 1 or not isinstance(documents[0], dict):
         found = shown(documents[0]) if len(documents) == 1 else f"{len(documents)} documents"
         raise InputDataError(

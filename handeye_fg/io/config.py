@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import tomli_w
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.io.fields import shown
+from handeye_fg.io.fields import reason, shown
 from handeye_fg.io.files import read_text, write_atomic
 from handeye_fg.options import Options
 
@@ -58,7 +58,9 @@ def read_config(path: Path) -> Options:
     try:
         table = tomllib.loads(read_text(path, "config file", may_be_empty=True))
     except (ValueError, RecursionError) as error:
-        raise InputDataError(f"{where}: not valid TOML ({error}); correct the file") from error
+        raise InputDataError(
+            f"{where}: not valid TOML ({reason(error)}); correct the file"
+        ) from error
     return _block(Options, table, where, "")
 
 
@@ -99,7 +101,9 @@ def _block(kind: type[_T], table: Mapping[str, Any], where: str, path: str) -> _
     try:
         return kind(**values)
     except ValueError as error:  # the block's own checks
-        raise InputDataError(f"{where}: {path.rstrip('.') or 'options'}: {error}") from error
+        raise InputDataError(
+            f"{where}: {path.rstrip('.') or 'options'}: {reason(error)}"
+        ) from error
 
 
 def _value(hint: Any, value: Any, where: str, key: str) -> Any:

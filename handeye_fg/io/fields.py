@@ -31,6 +31,12 @@ def shown(value: object) -> str:
     return _SHORT.repr(value)
 
 
+def reason(error: Exception) -> str:
+    """What a library says about a failure, in one line of bounded length."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fields:
     """A mapping of a parsed document.

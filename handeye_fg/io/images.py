@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import Image
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.io.fields import shown
+from handeye_fg.io.fields import reason, shown
 from handeye_fg.progress import Progress, silent
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
@@ -68,7 +68,7 @@ def list_images(folder: Path) -> tuple[str, ...]:
         )
     except (OSError, ValueError) as error:
         raise InputDataError(
-            f"image folder {folder}: cannot be read ({error}); give the folder that holds the images"
+            f"image folder {folder}: cannot be read ({reason(error)}); give the folder that holds the images"
         ) from error
     if not names:
         raise InputDataError(
@@ -195,12 +195,12 @@ def _decoded(path: Path, what: str) -> Image.Image:
         raise InputDataError(f"{what} {path}: no such file; check the name") from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise InputDataError(
-            f"{what} {path}: too large to decode safely ({error}); use a smaller resolution"
+            f"{what} {path}: too large to decode safely ({reason(error)}); use a smaller resolution"
         ) from error
     except _DAMAGED as error:
-        reason = "the file is empty" if _is_empty(path) else str(error) or type(error).__name__
+        why = "the file is empty" if _is_empty(path) else reason(error)
         raise InputDataError(
-            f"{what} {path}: cannot be decoded ({reason}); copy it again or leave it out"
+            f"{what} {path}: cannot be decoded ({why}); copy it again or leave it out"
         ) from error
 
 

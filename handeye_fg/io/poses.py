@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, orthonormalised, pose
-from handeye_fg.io.fields import shown
+from handeye_fg.io.fields import reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.types import RobotPoses
 
@@ -118,7 +118,7 @@ def _table(path: Path) -> pd.DataFrame:
         ragged = _RAGGED.search(str(error))
         if ragged is None:
             raise InputDataError(
-                f"poses file {path}: not a CSV table ({str(error).strip()}); close the quotes"
+                f"poses file {path}: not a CSV table ({reason(error)}); close the quotes"
             ) from error
         raise InputDataError(
             f"poses file {path}, line {ragged[2]}: found {ragged[3]} fields, but the header has"
@@ -178,7 +178,7 @@ def _checked_pose(matrix: object, where: str) -> Array:
         array = np.array(matrix, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputDataError(
-            f"{where}: not an array of numbers ({error}); give a 4x4 matrix"
+            f"{where}: not an array of numbers ({reason(error)}); give a 4x4 matrix"
         ) from error
     if array.shape != (4, 4):
         raise InputDataError(f"{where}: {array.shape=}, but must be (4, 4); give base_T_gripper")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.io.fields import Fields, finite, shown
+from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.results import (
     FILE_NAME,
@@ -43,7 +43,7 @@ def load_result(path: Path) -> Result:
         document = json.loads(read_text(path, "result file"))
     except (ValueError, RecursionError) as error:
         raise InputDataError(
-            f"result file {path}: not valid JSON ({error}); calibrate again to write it"
+            f"result file {path}: not valid JSON ({reason(error)}); calibrate again to write it"
         ) from error
     return from_document(document, where=f"result file {path}")
 
@@ -126,7 +126,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             provenance=_provenance(fields.mapping("provenance")),
         )
     except ValueError as error:  # Result refuses what cannot be one
-        raise InputDataError(f"{where}: {error}; {fields.remedy}") from error
+        raise InputDataError(f"{where}: {reason(error)}; {fields.remedy}") from error
     _check_agrees(document, to_document(result), fields, "")
     return result
 
