@@ -65,7 +65,7 @@ class Calibrate:
     camera: Path | None = None
     """Camera file (YAML of OpenCV or ROS). Without it the intrinsics are estimated."""
     masks: Path | None = None
-    """Folder of mask images: black pixels are ignored."""
+    """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png): white is used."""
     config: Path | None = None
     """Options as a TOML file, such as the config.toml of an earlier run."""
     output: Path = Path("handeye-fg-out")

@@ -144,11 +144,16 @@ def _intrinsics(result: Result) -> dict[str, object]:
         "note": result.intrinsics_note,
         "rows": [
             (
-                f"{i + 1}",
+                name,
                 wording.number(float(value), 6),
                 wording.significant(float(std), 2) if std > 0.0 else "fixed",
             )
-            for i, (value, std) in enumerate(zip(camera.params, result.intrinsics_std, strict=True))
+            for name, value, std in zip(
+                wording.parameter_names(camera.model, len(camera.params)),
+                camera.params,
+                result.intrinsics_std,
+                strict=True,
+            )
         ],
     }
 

@@ -198,6 +198,22 @@ def test_few_and_many_images(result: Result) -> None:
     assert 20 < drawing.count("frame_") <= 41
 
 
+def test_camera_parameters_have_names(result: Result) -> None:
+    text = render(result)
+    found = re.findall(r'<th scope="row" class="text">(\w+)</th><td>[-.0-9]+</td><td>(.*?)<', text)
+    assert [name for name, _ in found] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]
+    assert [std for _, std in found] == [
+        "0.6",
+        "0.6",
+        "0.4",
+        "0.4",
+        "0.0005",
+        "0.001",
+        "6e-05",
+        "fixed",
+    ]
+
+
 def test_unlisted_camera_model_has_numbered_parameters(result: Result) -> None:
     camera = dataclasses.replace(result.camera, model="THIN_PRISM")
     text = render(dataclasses.replace(result, camera=camera))
