@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def _moved(values: gtsam.Values, keys: Sequence[int], dims: Sequence[int], step: Array) -> gtsam.Values:
+def _moved(
+    values: gtsam.Values, keys: Sequence[int], dims: Sequence[int], step: Array
+) -> gtsam.Values:
     """The values after a step in the joint tangent space of ``keys``."""
     delta = gtsam.VectorValues()
     start = 0

@@ -18,6 +18,12 @@ class SfmOptions:
     threads: int = 0
     """Threads to use; 0: all cores."""
 
+    def __post_init__(self) -> None:
+        if self.max_features < 100:
+            raise ValueError(f"sfm.max_features is {self.max_features}, but must be at least 100")
+        if self.threads < 0:
+            raise ValueError(f"sfm.threads is {self.threads}, but must be 0 or more")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseOptions:
@@ -30,6 +36,12 @@ class NoiseOptions:
     robot_translation_mm: float | None = None
     """Standard deviation of a reported robot position, per axis, in millimetres."""
 
+    def __post_init__(self) -> None:
+        for name in ("pixel_px", "robot_rotation_deg", "robot_translation_mm"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ValueError(f"noise.{name} is {value}, but must be a positive number")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphOptions:
@@ -41,6 +53,12 @@ class GraphOptions:
     Without a camera file they are always refined freely."""
     max_iterations: int = 100
     """Most iterations of one optimisation."""
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise ValueError(
+                f"graph.max_iterations is {self.max_iterations}, but must be 1 or more"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

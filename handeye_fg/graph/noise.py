@@ -22,6 +22,8 @@ from handeye_fg.types import NoiseLevels
 _PRIOR_WEIGHT = 1.0
 _PRIOR_ROTATION = np.deg2rad(0.02)
 _PRIOR_TRANSLATION = 1e-4
+# No feature is located better than this (pixels); exact observations keep a finite weight.
+_FINEST_PIXEL = 0.01
 _MAX_ITERATIONS = 200
 _CONVERGED = 1e-4  # relative change of a sigma; its own uncertainty is above 1e-2
 
@@ -98,9 +100,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
 
     moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
     rotation_squares, translation_squares = np.sum(moved**2, axis=0).reshape(2, 3).sum(axis=1)
-    pixel_squares = problem.pixel_unit_px**2 * (
-        images.constant - 2 * images.gradient @ step + step @ images.hessian @ step
-    )
+    pixel_squares = images.constant - 2 * images.gradient @ step + step @ images.hessian @ step
     return Solution(
         noise=noise,
         redundancy=(
@@ -108,7 +108,11 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
             float(rows - rotation_used),
             float(rows - translation_used),
         ),
-        squares=(float(pixel_squares), float(rotation_squares), float(translation_squares)),
+        squares=(
+            problem.pixel_unit_px**2 * max(float(pixel_squares), 0.0),  # not below by rounding
+            float(rotation_squares),
+            float(translation_squares),
+        ),
         step=step,
         covariance=covariance,
         robot_covariance=np.diag(1.0 / weights) - predicted,
@@ -129,7 +133,7 @@ def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
     )
     known = _known(options)
     return NoiseLevels(
-        pixel=pixel if known[0] is None else known[0],
+        pixel=max(pixel, _FINEST_PIXEL) if known[0] is None else known[0],
         robot_rotation=rotation if known[1] is None else known[1],
         robot_translation=translation if known[2] is None else known[2],
         estimated=None in known,

@@ -46,17 +46,12 @@ def optimise(
         done: iterations of earlier optimisations, for ``progress``.
 
     Raises:
-        ConvergenceError: the cost is not finite at the start or after a step.
+        ConvergenceError: the cost is not finite after a step.
     """
     params = gtsam.LevenbergMarquardtParams()
     params.setOrdering(ordering)
     params.setlambdaInitial(_FIRST_DAMPING)
     initial = float(graph.error(start))
-    if not np.isfinite(initial):
-        raise ConvergenceError(
-            "the joint refinement cannot start: a residual is not finite at the linear start; "
-            "check the robot poses and the reconstruction"
-        )
     optimiser = gtsam.LevenbergMarquardtOptimizer(graph, start, params)
     cost, iterations, converged = initial, 0, False
     while iterations < max_iterations and not converged:

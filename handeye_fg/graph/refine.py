@@ -1,12 +1,12 @@
 """Joint refinement of points, camera poses, X, Z, scale and intrinsics; entry point ``refine``."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import gtsam
 import numpy as np
 
 from handeye_fg import frames
-from handeye_fg.errors import ReconstructionError
+from handeye_fg.errors import ConvergenceError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph.noise import Solution, estimate_noise, relative_change
@@ -76,6 +76,16 @@ def _parallax(state: State, tracks: Tracks, kept: Array) -> Array:
     mean = total / np.maximum(np.bincount(points, minlength=n_points), 1)[:, None]
     cosine_squared = np.sum(mean**2, axis=1)
     return np.where(cosine_squared > 0, np.sqrt(np.clip(1.0 - cosine_squared, 0.0, None)), 0.0)
+
+
+def _require_finite(start: State) -> None:
+    """Refuse values that GTSAM would return unchanged and in silence."""
+    values = (getattr(start, field.name) for field in fields(start))
+    if not all(np.isfinite(value).all() for value in values):
+        raise ConvergenceError(
+            "the joint refinement cannot start: the reconstruction or the linear start has values "
+            "that are not finite; check the robot poses and the reconstruction"
+        )
 
 
 def _without_mismatches(
@@ -312,6 +322,7 @@ def refine(
         ReconstructionError: too few observations are left.
         ConvergenceError: no finite optimum.
     """
+    _require_finite(start)
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
     state, tracks, scales, sigma = _without_mismatches(start, model.tracks, scales)
     problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
