@@ -273,6 +273,22 @@ def test_planar_robot() -> None:
     assert start.gripper_T_camera[2, 3] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_noise_is_not_taken_for_a_second_axis() -> None:
+    """A short sweep about one axis with a coarse arm: 0.4 degrees wobble on ten degrees of turn."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        xi = np.zeros((12, 6))
+        xi[:, 2] = rng.uniform(-0.17, 0.17, 12)
+        robot = pose(exp(xi)[:, :3, :3], rng.uniform(-0.2, 0.2, (12, 3)))
+        wanted = case(robot, X_RANDOM, 0.4)
+        reported = disturbed(rng, robot, math.radians(0.4), 1e-4)
+        start = linear_start(reported, wanted.world_T_camera)
+        axis = axis_spread(motion_pairs(reported, wanted.world_T_camera)).axes[:, 0]
+        assert start.gripper_T_camera[:3, 3] @ axis == pytest.approx(0.0, abs=1e-12)
+        # Sideways: the positions' 0.12 m times the wobble, over ten degrees of turn.
+        assert translation_error(start.gripper_T_camera, X_RANDOM) < 0.15
+
+
 @pytest.mark.parametrize("rotation_sigma", [0.0, 1e-4, 5e-3])
 def test_pure_translation_gives_rotation_and_scale(rotation_sigma: float) -> None:
     for seed in range(10):
