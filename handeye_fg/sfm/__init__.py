@@ -1,1 +1,10 @@
+"""Structure from motion by COLMAP; the only package that touches pycolmap.
 
+Entry points: ``reconstruct`` (images to a model) and ``read_model`` (an existing COLMAP model).
+"""
+
+from handeye_fg.sfm.model import ModelSource, read_model
+from handeye_fg.sfm.native import set_verbosity
+from handeye_fg.sfm.reconstruct import reconstruct
+
+__all__ = ["ModelSource", "read_model", "reconstruct", "set_verbosity"]

@@ -1,0 +1,150 @@
+"""The folder of a reconstruction: written whole or not at all, and found again when nothing changed."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pycolmap
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.options import SfmOptions
+from handeye_fg.sfm.model import to_sfm_model
+from handeye_fg.types import CameraModel, SfmModel
+
+# Raised whenever the settings in this package change, so that older models are not reused.
+RECIPE = 1
+DATABASE = "database.db"
+_INPUTS = "inputs.json"
+
+
+def inputs_digest(
+    images: Path,
+    names: Sequence[str],
+    camera: CameraModel | None,
+    masks: Path | None,
+    options: SfmOptions,
+    seed: int,
+    *,
+    refine_intrinsics: bool,
+) -> str:
+    """SHA-256 of everything that a reconstruction depends on.
+
+    Raises:
+        InputDataError: an image or a mask cannot be read.
+    """
+    settings = {
+        "recipe": RECIPE,
+        "pycolmap": pycolmap.__version__,
+        "options": {**asdict(options), "threads": None},
+        "seed": seed,
+        "refine_intrinsics": refine_intrinsics,
+        "camera": None
+        if camera is None
+        else [camera.model, camera.width, camera.height, camera.params.tolist()],
+        "files": [[name, _file_digest(images / name)] for name in names],
+        "masks": None
+        if masks is None
+        else [_file_digest(path) for path in (masks / f"{name}.png" for name in names)],
+    }
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+
+
+def _file_digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputDataError(
+            f"{path}: cannot be read ({error.strerror}); check the path"
+        ) from error
+
+
+def stored_model(folder: Path, digest: str) -> SfmModel | None:
+    """The model in the folder if it was made from the same inputs, else None."""
+    try:
+        stored = json.loads((folder / _INPUTS).read_text(encoding="utf-8"))
+        if stored["digest"] != digest:
+            return None
+        unregistered = tuple((str(name), str(reason)) for name, reason in stored["unregistered"])
+        reconstruction = pycolmap.Reconstruction(folder)
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError):
+        return None  # damaged or of another version: made again
+    return to_sfm_model(reconstruction, unregistered)
+
+
+def check_replaceable(folder: Path) -> None:
+    """Refuse to replace a folder that holds something else than a reconstruction of ours.
+
+    Raises:
+        InputDataError: it does.
+    """
+    if not folder.exists() or (folder / _INPUTS).is_file():
+        return
+    if not folder.is_dir() or any(folder.iterdir()):
+        raise InputDataError(
+            f"{folder} exists and was not written by handeye-fg; remove it or choose another output "
+            "folder"
+        )
+
+
+@contextmanager
+def staging(folder: Path) -> Iterator[Path]:
+    """A new folder beside ``folder``, on the same file system, that is gone in the end.
+
+    Raises:
+        InputDataError: it cannot be made.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    except OSError as error:
+        raise InputDataError(
+            f"{folder}: cannot be written ({error.strerror}); choose another output folder"
+        ) from error
+    try:
+        yield temporary
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def publish(
+    work: Path,
+    folder: Path,
+    database: Path,
+    reconstruction: pycolmap.Reconstruction,
+    unregistered: tuple[tuple[str, str], ...],
+    digest: str,
+) -> None:
+    """Put the model, its database and the digest of its inputs into the folder's place at once.
+
+    Args:
+        work: the staging folder.
+        folder: what to replace.
+        database: the model's database, within ``work``.
+        reconstruction: the model.
+        unregistered: (image name, reason) of the images without pose.
+        digest: of the inputs.
+
+    Raises:
+        InputDataError: something cannot be written.
+    """
+    finished = work / "finished"
+    try:
+        finished.mkdir()
+        reconstruction.write(finished)
+        database.replace(finished / DATABASE)
+        content = {"digest": digest, "unregistered": unregistered}
+        (finished / _INPUTS).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        if folder.exists():
+            folder.replace(work / "replaced")
+        finished.replace(folder)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputDataError(
+            f"{folder}: the reconstruction cannot be written ({error}); check the free disk space or "
+            "choose another output folder"
+        ) from error

@@ -1,0 +1,130 @@
+"""Features and matches of a set of images in a COLMAP database; entry point ``fill_database``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+from pathlib import Path
+
+import pycolmap
+
+from handeye_fg.options import SfmOptions
+from handeye_fg.progress import Progress
+from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.types import CameraModel
+
+# COLMAP's meaning of "all cores".
+_ALL_CORES = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensitivity:
+    """How eagerly features are taken.
+
+    Attributes:
+        peak_threshold: least contrast of a feature; None: COLMAP's 0.0067.
+    """
+
+    peak_threshold: float | None = None
+
+
+STRICT = Sensitivity()
+# A third of the default contrast: doubles the features of weak textures and dark images.
+SENSITIVE = Sensitivity(peak_threshold=0.002)
+
+
+def native_threads(options: SfmOptions) -> int:
+    """The number of threads as COLMAP wants it."""
+    return options.threads or _ALL_CORES
+
+
+def fill_database(
+    database: Path,
+    images: Path,
+    names: Sequence[str],
+    camera: CameraModel | None,
+    *,
+    masks: Path | None,
+    sensitivity: Sensitivity,
+    options: SfmOptions,
+    seed: int,
+    progress: Progress,
+) -> None:
+    """Find features in the named images and match all pairs.
+
+    Args:
+        database: file to write; it must not exist.
+        images: folder of the images.
+        names: the images to use.
+        camera: intrinsics to start from; None: OPENCV with COLMAP's guess of the focal length.
+        masks: folder of masks ``NAME.png``, white = use; None: everything is used.
+        sensitivity: how eagerly features are taken.
+        options: limits.
+        seed: of the random samples.
+        progress: told "features" and "pairs".
+
+    Raises:
+        ReconstructionError: COLMAP failed.
+    """
+    reader_options = pycolmap.ImageReaderOptions()
+    reader_options.camera_model = "OPENCV" if camera is None else camera.model
+    if camera is not None:
+        reader_options.camera_params = ",".join(repr(float(p)) for p in camera.params)
+    if masks is not None:
+        reader_options.mask_path = masks
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.use_gpu = False
+    extraction.num_threads = native_threads(options)
+    extraction.sift.max_num_features = options.max_features
+    if sensitivity.peak_threshold is not None:
+        extraction.sift.peak_threshold = sensitivity.peak_threshold
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = native_threads(options)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    pycolmap.set_random_seed(seed)
+    # The counts are read over a connection of pycolmap's own SQLite. Python's sqlite3 is another copy
+    # of the library: two copies on one file in one process break each other's locks and crash.
+    with pycolmap.Database.open(database) as counts:
+        total = len(names)
+        progress("features", 0, total)
+        run_cancellable(
+            lambda token: pycolmap.extract_features(
+                database,
+                images,
+                image_names=list(names),
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=reader_options,
+                extraction_options=extraction,
+                device=pycolmap.Device.cpu,
+                cancellation_token=token,
+            ),
+            "the search for features",
+            lambda: progress("features", counts.num_images(), total),
+        )
+        n_pairs = comb(total, 2)
+        progress("pairs", 0, n_pairs)
+        run_cancellable(
+            lambda token: pycolmap.match_exhaustive(
+                database,
+                matching_options=matching,
+                verification_options=verification,
+                device=pycolmap.Device.cpu,
+                cancellation_token=token,
+            ),
+            "the matching of features",
+            lambda: progress("pairs", counts.num_matched_image_pairs(), n_pairs),
+        )
+
+
+def matching_summary(database: Path) -> dict[str, tuple[int, int]]:
+    """For every image of the database: its number of features, and of inliers in its best pair."""
+    with pycolmap.Database.open(database) as db:
+        names = {image.image_id: image.name for image in db.read_all_images()}
+        features = {i: db.num_keypoints_for_image(i) for i in names}
+        pair_ids, inliers = db.read_two_view_geometry_num_inliers()
+    best = dict.fromkeys(names, 0)
+    for pair_id, n in zip(pair_ids, inliers, strict=True):
+        for i in pycolmap.pair_id_to_image_pair(pair_id):
+            best[i] = max(best[i], n)
+    return {name: (features[i], best[i]) for i, name in names.items()}

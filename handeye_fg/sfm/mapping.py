@@ -1,0 +1,162 @@
+"""From matches to camera poses: incremental mapping at several settings; entry point ``map_images``."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from handeye_fg.options import SfmOptions
+from handeye_fg.progress import Progress
+from handeye_fg.sfm.features import native_threads
+from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.types import CameraModel
+
+# The strict settings are COLMAP's. The relaxed ones place the images of small or weakly textured
+# sets: an initial pair at 4 degrees (16) with 30 inliers (100), poses from 12 inliers (30), pairs
+# of 10 (15). With them 8 of 8 images of a floor were placed, of which the strict ones placed 2.
+_RELAXED_TRIANGULATION_DEG = 4.0
+_RELAXED_INITIAL_INLIERS = 30
+_RELAXED_POSE_INLIERS = 12
+_RELAXED_PAIR_MATCHES = 10
+# Models that are begun from other pairs, when the first left images out.
+_MOST_MODELS = 5
+# A refined focal length farther from the file's than this part of it is a failed self-calibration.
+_FOCAL_CHANGE = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rung:
+    """One setting of the mapper.
+
+    Attributes:
+        relaxed: accept narrower angles and fewer matches.
+        refine: let the mapper refine the intrinsics.
+    """
+
+    relaxed: bool
+    refine: bool
+
+
+def largest(
+    one: pycolmap.Reconstruction | None, other: pycolmap.Reconstruction | None
+) -> pycolmap.Reconstruction | None:
+    """The reconstruction with more images, then with more points; the first of equals."""
+    return max((one, other), key=_size)
+
+
+def _size(reconstruction: pycolmap.Reconstruction | None) -> tuple[int, int]:
+    return (n_registered(reconstruction), reconstruction.num_points3D() if reconstruction else 0)
+
+
+def n_registered(reconstruction: pycolmap.Reconstruction | None) -> int:
+    """The number of images that have a pose; 0 for no reconstruction."""
+    return 0 if reconstruction is None else reconstruction.num_reg_images()
+
+
+def map_images(
+    database: Path,
+    images: Path,
+    rung: Rung,
+    *,
+    n_images: int,
+    file_camera: CameraModel | None,
+    options: SfmOptions,
+    seed: int,
+    progress: Progress,
+) -> pycolmap.Reconstruction | None:
+    """Reconstruct from the matches of a database.
+
+    Args:
+        database: with features and verified matches, and one camera as start.
+        images: folder of the images.
+        rung: the settings.
+        n_images: number of images, for the progress.
+        file_camera: given intrinsics that a refinement must stay near, or None.
+        options: limits.
+        seed: of the random samples.
+        progress: told "registered".
+
+    Returns:
+        The largest acceptable model, or None.
+
+    Raises:
+        ReconstructionError: COLMAP failed.
+    """
+    pipeline = _pipeline_options(rung, options, seed)
+    registered = 0
+
+    def pair_placed() -> None:
+        nonlocal registered
+        registered = 2
+
+    def image_placed() -> None:
+        nonlocal registered
+        registered += 1
+
+    attempt = database.with_suffix(".attempt")
+    attempt.mkdir()
+    try:
+        models = run_cancellable(
+            lambda token: pycolmap.incremental_mapping(
+                database,
+                images,
+                attempt,
+                pipeline,
+                initial_image_pair_callback=pair_placed,
+                next_image_callback=image_placed,
+                cancellation_token=token,
+            ),
+            "the placing of images",
+            lambda: progress("registered", min(registered, n_images), n_images),
+        )
+    finally:
+        shutil.rmtree(attempt, ignore_errors=True)
+    best: pycolmap.Reconstruction | None = None
+    for index in sorted(models):
+        if file_camera is None or _near(models[index], file_camera):
+            best = largest(best, models[index])
+    return best
+
+
+def _pipeline_options(
+    rung: Rung, options: SfmOptions, seed: int
+) -> pycolmap.IncrementalPipelineOptions:
+    pipeline = pycolmap.IncrementalPipelineOptions()
+    pipeline.extract_colors = False
+    pipeline.min_model_size = 3
+    pipeline.random_seed = seed
+    pipeline.num_threads = native_threads(options)
+    pipeline.multiple_models = rung.relaxed
+    pipeline.max_num_models = _MOST_MODELS
+    if rung.relaxed:
+        pipeline.min_num_matches = _RELAXED_PAIR_MATCHES
+        pipeline.mapper.init_min_tri_angle = _RELAXED_TRIANGULATION_DEG
+        pipeline.mapper.init_min_num_inliers = _RELAXED_INITIAL_INLIERS
+        pipeline.mapper.abs_pose_min_num_inliers = _RELAXED_POSE_INLIERS
+    pipeline.ba_refine_focal_length = rung.refine
+    pipeline.ba_refine_extra_params = rung.refine
+    pipeline.mapper.abs_pose_refine_focal_length = rung.refine
+    pipeline.mapper.abs_pose_refine_extra_params = rung.refine
+    return pipeline
+
+
+def _near(reconstruction: pycolmap.Reconstruction, file_camera: CameraModel) -> bool:
+    """Whether the focal lengths stayed near those of the camera file."""
+    native = pycolmap.Camera(
+        model=file_camera.model,
+        width=file_camera.width,
+        height=file_camera.height,
+        params=list(file_camera.params),
+    )
+    given = np.array([native.focal_length_x, native.focal_length_y])
+    return all(
+        bool(
+            np.all(
+                np.abs(np.array([camera.focal_length_x, camera.focal_length_y]) / given - 1.0)
+                <= _FOCAL_CHANGE
+            )
+        )
+        for camera in reconstruction.cameras.values()
+    )

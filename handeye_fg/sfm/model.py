@@ -1,0 +1,153 @@
+"""The seam between COLMAP's reconstruction and ours; entry point ``read_model``.
+
+COLMAP stores camera_T_world and puts the first pixel's centre at (0.5, 0.5), as we do inside: poses
+are inverted here, pixels and intrinsics pass unchanged.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from handeye_fg import frames
+from handeye_fg.errors import InputDataError, ReconstructionError
+from handeye_fg.frames import Array
+from handeye_fg.types import CameraModel, SfmModel, Tracks
+
+ModelSource = pycolmap.Reconstruction | str | os.PathLike[str]
+"""A reconstruction, or the folder of a COLMAP model in binary or text form."""
+
+# Three cameras are the least from which robot motions determine X.
+FEWEST_IMAGES = 3
+
+
+def read_model(source: ModelSource) -> SfmModel:
+    """Convert a COLMAP model.
+
+    Args:
+        source: a reconstruction, or a folder with cameras, images and points3D (.bin or .txt).
+
+    Returns:
+        The registered images in the order of their names; points in world units.
+
+    Raises:
+        InputDataError: the folder holds no readable model, or its images have several cameras.
+        ReconstructionError: fewer than 3 images are registered, or there are no points.
+    """
+    if isinstance(source, pycolmap.Reconstruction):
+        return to_sfm_model(source)
+    folder = Path(source)
+    if not folder.is_dir():
+        raise InputDataError(
+            f"COLMAP model {folder}: no such folder; give the folder that holds cameras.bin, "
+            "images.bin and points3D.bin (or .txt)"
+        )
+    try:
+        reconstruction = pycolmap.Reconstruction(folder)
+    except (RuntimeError, ValueError, OSError) as error:
+        raise InputDataError(
+            f"COLMAP model {folder}: cannot be read ({error}); give the folder that holds "
+            "cameras.bin, images.bin and points3D.bin (or .txt), often sparse/0"
+        ) from error
+    return to_sfm_model(reconstruction)
+
+
+def to_camera_model(camera: pycolmap.Camera) -> CameraModel:
+    """COLMAP's camera as ours."""
+    return CameraModel(
+        model=camera.model.name,
+        width=camera.width,
+        height=camera.height,
+        params=np.asarray(camera.params, dtype=np.float64),
+    )
+
+
+def to_sfm_model(
+    reconstruction: pycolmap.Reconstruction, unregistered: tuple[tuple[str, str], ...] | None = None
+) -> SfmModel:
+    """Convert a reconstruction; ``unregistered``: None takes the images without pose from it."""
+    images = [reconstruction.images[i] for i in reconstruction.reg_image_ids()]
+    images.sort(key=lambda image: image.name)
+    if unregistered is None:
+        unregistered = tuple(
+            (image.name, "not registered in the model")
+            for image in sorted(reconstruction.images.values(), key=lambda image: image.name)
+            if not image.has_pose
+        )
+    if len(images) < FEWEST_IMAGES:
+        raise ReconstructionError(too_few(len(images), len(images) + len(unregistered)))
+    cameras = {image.camera_id for image in images}
+    if len(cameras) > 1:
+        raise InputDataError(
+            f"the COLMAP model has {len(cameras)} cameras, but all images must share one; "
+            "reconstruct with a single camera (--ImageReader.single_camera 1)"
+        )
+    tracks, mean_reprojection_px = _tracks(reconstruction, images)
+    return SfmModel(
+        names=tuple(image.name for image in images),
+        world_T_camera=np.stack([_world_T_camera(image) for image in images]),
+        camera=to_camera_model(reconstruction.cameras[images[0].camera_id]),
+        tracks=tracks,
+        mean_reprojection_px=mean_reprojection_px,
+        unregistered=unregistered,
+    )
+
+
+def too_few(registered: int, total: int) -> str:
+    """The sentence for a reconstruction that is too small to calibrate with."""
+    return (
+        f"structure from motion placed {registered} of {total} images, but at least {FEWEST_IMAGES} "
+        "are needed; take sharper, more textured, more overlapping images, and mask what moves with "
+        "the camera"
+    )
+
+
+def _world_T_camera(image: pycolmap.Image) -> Array:
+    camera_T_world = np.eye(4)
+    camera_T_world[:3] = image.cam_from_world().matrix()
+    return frames.inverse(camera_T_world)
+
+
+def _tracks(
+    reconstruction: pycolmap.Reconstruction, images: list[pycolmap.Image]
+) -> tuple[Tracks, float]:
+    """Points and observations of the images, and the mean length of the reprojection errors."""
+    point_ids = sorted(reconstruction.point3D_ids())
+    position = {point_id: i for i, point_id in enumerate(point_ids)}
+    image_index: list[int] = []
+    point_index: list[int] = []
+    pixels: list[Array] = []
+    for i, image in enumerate(images):
+        for point2D in image.get_observation_points2D():
+            image_index.append(i)
+            point_index.append(position[point2D.point3D_id])
+            pixels.append(point2D.xy)
+    if not pixels:
+        raise ReconstructionError(
+            "the reconstruction has no points that the images observe; give a model with its points "
+            "(points3D and the observations in images), or the images themselves"
+        )
+    points = reconstruction.points3D
+    tracks = Tracks(
+        points_world=np.array([points[point_id].xyz for point_id in point_ids]),
+        image_index=np.array(image_index),
+        point_index=np.array(point_index),
+        pixels=np.array(pixels),
+    )
+    return tracks, _mean_reprojection(tracks, images)
+
+
+def _mean_reprojection(tracks: Tracks, images: list[pycolmap.Image]) -> float:
+    """Mean length in pixels, by COLMAP's own projection; behind a camera counts as not a number."""
+    lengths = []
+    for i, image in enumerate(images):
+        seen = tracks.image_index == i
+        camera_T_world = image.cam_from_world().matrix()
+        points = tracks.points_world[tracks.point_index[seen]]
+        local = points @ camera_T_world[:, :3].T + camera_T_world[:, 3]
+        camera = image.camera
+        if camera is not None and len(local):
+            error = camera.img_from_cam(local) - tracks.pixels[seen]
+            lengths.append(np.linalg.norm(error, axis=1))
+    return float(np.nanmean(np.concatenate(lengths)))

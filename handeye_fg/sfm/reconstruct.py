@@ -1,0 +1,217 @@
+"""The ladder from images to a model: strict settings first; entry point ``reconstruct``."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+from handeye_fg.errors import ReconstructionError
+from handeye_fg.intrinsics import covers_image, fitted_opencv
+from handeye_fg.options import SfmOptions
+from handeye_fg.progress import Progress
+from handeye_fg.sfm.cache import (
+    check_replaceable,
+    inputs_digest,
+    publish,
+    staging,
+    stored_model,
+)
+from handeye_fg.sfm.features import (
+    SENSITIVE,
+    STRICT,
+    Sensitivity,
+    fill_database,
+    matching_summary,
+)
+from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
+from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
+from handeye_fg.types import CameraModel, SfmModel
+
+_log = logging.getLogger(__name__)
+
+# The search for more features doubles the time: only for sets of which more than this is missing.
+_ENOUGH = 0.9
+# Fewer inliers than this in its best pair: an image was not matched (COLMAP's least is 15).
+_FEWEST_MATCHES = 15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Task:
+    """What all rungs share."""
+
+    images: Path
+    names: tuple[str, ...]
+    camera: CameraModel | None
+    masks: Path | None
+    options: SfmOptions
+    seed: int
+    progress: Progress
+    refine: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Found:
+    """The best model so far and the database it was made from."""
+
+    reconstruction: pycolmap.Reconstruction | None
+    database: Path
+
+
+def reconstruct(
+    images: Path,
+    names: Sequence[str],
+    camera: CameraModel | None,
+    *,
+    masks: Path | None,
+    folder: Path,
+    options: SfmOptions,
+    seed: int,
+    progress: Progress,
+    refine_intrinsics: bool = False,
+) -> SfmModel:
+    """Reconstruct camera poses and points, up to a similarity, from images of one camera.
+
+    Args:
+        images: folder of the images.
+        names: the images to use, relative to it; others in the folder are not.
+        camera: intrinsics, kept fixed as long as the images can be placed so; None: OPENCV, found
+            from the images.
+        masks: folder of masks ``NAME.png``, white = use; None: everything is used.
+        folder: where model and database are kept. A model there is returned when nothing changed.
+        options: limits.
+        seed: of the random samples.
+        progress: told "features", "pairs" and "registered".
+        refine_intrinsics: refine the given intrinsics from the start.
+
+    Returns:
+        The model; its ``camera`` is what was used in the end.
+
+    Raises:
+        InputDataError: the folder cannot be written, or an image cannot be read.
+        ReconstructionError: fewer than 3 images were placed, or COLMAP failed.
+    """
+    folder, names = Path(folder), tuple(names)
+    digest = inputs_digest(
+        images, names, camera, masks, options, seed, refine_intrinsics=refine_intrinsics
+    )
+    model = stored_model(folder, digest)
+    if model is not None:
+        progress("registered", len(model.names), len(names))
+        return model
+    check_replaceable(folder)
+    task = _Task(
+        images=images,
+        names=names,
+        camera=camera,
+        masks=masks,
+        options=options,
+        seed=seed,
+        progress=progress,
+        refine=refine_intrinsics or camera is None or not covers_image(camera),
+    )
+    with staging(folder) as work:
+        found = _climb(task, work)
+        registered = n_registered(found.reconstruction)
+        progress("registered", registered, len(names))
+        if found.reconstruction is None or registered < FEWEST_IMAGES:
+            raise ReconstructionError(too_few(registered, len(names)))
+        unregistered = _unregistered(found, names)
+        model = to_sfm_model(found.reconstruction, unregistered)
+        publish(work, folder, found.database, found.reconstruction, unregistered, digest)
+    return model
+
+
+def _climb(task: _Task, work: Path) -> _Found:
+    """Try rung after rung, until all images are placed; the best model."""
+    best = _Found(reconstruction=None, database=work / "strict.db")
+    for sensitivity, name in ((STRICT, "strict.db"), (SENSITIVE, "sensitive.db")):
+        database = work / name
+        _fill(task, database, sensitivity)
+        rungs = [
+            Rung(relaxed=False, refine=task.refine),
+            Rung(relaxed=True, refine=task.refine),
+        ]
+        if sensitivity is SENSITIVE and not task.refine:
+            rungs.append(Rung(relaxed=True, refine=True))
+        for rung in rungs:
+            best = _better(task, best, database, rung)
+            if n_registered(best.reconstruction) == len(task.names):
+                return best
+        if n_registered(best.reconstruction) >= _ENOUGH * len(task.names):
+            return best
+    return best
+
+
+def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
+    fill_database(
+        database,
+        task.images,
+        task.names,
+        _refinable(task.camera) if task.refine else task.camera,
+        masks=task.masks,
+        sensitivity=sensitivity,
+        options=task.options,
+        seed=task.seed,
+        progress=task.progress,
+    )
+
+
+def _refinable(camera: CameraModel | None) -> CameraModel | None:
+    """The camera as OPENCV, whose 8 parameters images determine; fisheye cameras as they are."""
+    if camera is None or camera.model == "OPENCV_FISHEYE":
+        return camera
+    return fitted_opencv(camera)[0]
+
+
+def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
+    """The better of the best model so far and that of a rung."""
+    if rung.refine and not task.refine:
+        _replace_camera(database, _refinable(task.camera))
+    reconstruction = map_images(
+        database,
+        task.images,
+        rung,
+        n_images=len(task.names),
+        file_camera=task.camera,
+        options=task.options,
+        seed=task.seed,
+        progress=task.progress,
+    )
+    _log.info("%s: %d of %d images", rung, n_registered(reconstruction), len(task.names))
+    chosen = largest(best.reconstruction, reconstruction)
+    if chosen is best.reconstruction:
+        return best
+    return _Found(reconstruction=chosen, database=database)
+
+
+def _replace_camera(database: Path, camera: CameraModel | None) -> None:
+    """Give the database's only camera other intrinsics."""
+    if camera is None:
+        return
+    with pycolmap.Database.open(database) as db:
+        for native in db.read_all_cameras():
+            native.model = pycolmap.CameraModelId.__members__[camera.model]
+            native.params = list(camera.params)
+            db.update_camera(native)
+
+
+def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """(name, reason) of the images without pose."""
+    if found.reconstruction is None:
+        return ()
+    placed = {found.reconstruction.images[i].name for i in found.reconstruction.reg_image_ids()}
+    summary = matching_summary(found.database)
+    return tuple(
+        (name, _reason(*summary.get(name, (0, 0)))) for name in sorted(names) if name not in placed
+    )
+
+
+def _reason(n_features: int, n_matches: int) -> str:
+    """Why an image has no pose, from its features and the inliers in its best pair."""
+    if n_features == 0:
+        return "no features found"
+    if n_matches < _FEWEST_MATCHES:
+        return f"no features matched ({n_features} found)"
+    return f"not enough matches in the scene's points ({n_matches} in its best pair)"
