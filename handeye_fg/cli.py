@@ -7,6 +7,7 @@ Exit codes: 0 calibrated; 1 failed; 2 usage, option or input-format error; 3 par
 # ruff: noqa: PLC0415  # help and usage errors must not wait for GTSAM, pycolmap and matplotlib
 
 import logging
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -97,6 +98,7 @@ class Calibrate:
             _say(console, summary_text(result, report))
         if self.json:
             sys.stdout.write(to_json(to_document(result)))
+            sys.stdout.flush()
         return EXIT_OK if result.status == "ok" else EXIT_PARTIAL
 
     def _calibrate(self, console: Console) -> "Result":
@@ -175,6 +177,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say(_console(), "Interrupted.")
         return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Who read stdout has gone (``| head``); Python's own flush at exit must not fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILED
 
 
 def _parse(arguments: Sequence[str]) -> Calibrate | Report:
@@ -189,12 +195,19 @@ def _parse(arguments: Sequence[str]) -> Calibrate | Report:
 
 def _parse_over(options: Options, arguments: Sequence[str]) -> Calibrate | Report:
     defaults = Calibrate(images=tyro.MISSING, poses=tyro.MISSING, options=options)
-    commands = (
-        Annotated[Calibrate, tyro.conf.subcommand("calibrate", default=defaults)]
-        | Annotated[Report, tyro.conf.subcommand("report")]
-    )
+    calibrate = tyro.conf.subcommand("calibrate", default=defaults, prefix_name=False)
+    report = tyro.conf.subcommand("report", prefix_name=False)
+
+    # A function, not the union alone: its argument's name stands in the parser's error messages.
+    def choose(
+        command: Annotated[
+            Annotated[Calibrate, calibrate] | Annotated[Report, report], tyro.conf.arg(name="")
+        ],
+    ) -> Calibrate | Report:
+        return command
+
     return tyro.cli(
-        commands,
+        choose,
         prog=_PROGRAM,
         description=_DESCRIPTION,
         args=list(arguments),
@@ -212,11 +225,11 @@ class _Bars:
     def __call__(self, stage: str, done: int, total: int | None) -> None:
         """Move the stage's bar."""
         if stage not in self._tasks:
-            self._close()
+            self.close()
             self._tasks[stage] = self._bars.add_task(_STAGES.get(stage, stage), total=total)
         self._bars.update(self._tasks[stage], completed=done, total=total)
 
-    def _close(self) -> None:
+    def close(self) -> None:
         """A stage whose end was not known beforehand ends where the next begins."""
         for task in self._bars.tasks:
             if task.total is None:
@@ -256,7 +269,9 @@ def _progress_view(console: Console) -> Iterator[Progress]:
             TimeElapsedColumn(),
         )
         with ProgressBars(*columns, console=console) as bars:
-            yield _Bars(bars)
+            view = _Bars(bars)
+            yield view
+            view.close()
     else:
         lines = _Lines(console)
         yield lines

@@ -250,6 +250,7 @@ def test_terminal_has_bars(
     assert "reading images" in printed
     assert "2/2" in printed
     assert "7/7" in printed
+    assert printed.rindex("2/2") > printed.rindex("/?")
 
 
 def test_verbosity(
@@ -288,6 +289,19 @@ def test_wrong_config_is_an_option_error(
     assert run("--config", str(config)) == 2
     assert "sead" in capsys.readouterr().err
     assert run("--config", str(tmp_path / "absent.toml")) == 2
+
+
+def test_option_out_of_range_is_named(
+    run: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("--sfm.max-features", "-5") == 2
+    printed = capsys.readouterr().err
+    assert "sfm.max_features is -5" in " ".join(printed.split())
+    assert "tyro" not in printed
+    config = tmp_path / "run.toml"
+    config.write_text("[sfm]\nmax_features = -5\n")
+    assert run("--config", str(config)) == 2
+    assert "sfm.max_features is -5" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -345,3 +359,13 @@ def test_as_a_program(flag: str) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("usage: handeye-fg" if flag == "--help" else "handeye-fg 0.")
     assert done.stderr == ""
+
+
+def test_closed_pipe_is_no_traceback() -> None:
+    command = [sys.executable, "-u", "-m", "handeye_fg", "calibrate", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 1
