@@ -17,9 +17,9 @@ from handeye_fg.graph.reduced import Linearised, predicted_covariance, scatter
 from handeye_fg.options import NoiseOptions
 from handeye_fg.types import NoiseLevels
 
-# One pseudo-observation of each robot sigma keeps it away from zero when there are few images or
+# A tenth of an observation of each robot sigma keeps it away from zero when there are few images or
 # the poses are exact: 0.02 degrees and 0.1 mm are usual for industrial arms.
-_PRIOR_WEIGHT = 1.0
+_PRIOR_WEIGHT = 0.1
 _PRIOR_ROTATION = np.deg2rad(0.02)
 _PRIOR_TRANSLATION = 1e-4
 # No feature is located better than this (pixels); exact observations keep a finite weight.

@@ -1,0 +1,152 @@
+"""What is done with the intrinsics, on simulated scenes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+import pytest
+from scipy import stats
+
+from handeye_fg import frames
+from handeye_fg.errors import InputDataError
+from handeye_fg.graph import refine_views
+from handeye_fg.intrinsics import pinhole_view
+from handeye_fg.options import GraphOptions, Options
+from handeye_fg.progress import silent
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.solvers import linear_start
+from handeye_fg.types import CameraModel
+
+FULL = CameraModel(
+    model="FULL_OPENCV",
+    width=1280,
+    height=960,
+    params=np.array([900, 901, 642, 477, -0.1, 0.05, 1e-3, -8e-4, 0.12, 0.0, 0.0, 0.0]),
+)
+FISHEYE = CameraModel(
+    model="OPENCV_FISHEYE",
+    width=1280,
+    height=960,
+    params=np.array([700.0, 701.0, 640.0, 480.0, 0.01, -0.004, 0.001, 0.0]),
+)
+
+
+def view_of(scene, camera, intrinsics="auto"):
+    linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
+    return refine_views(
+        scene.model,
+        scene.robot_poses.base_T_gripper,
+        camera,
+        linear,
+        Options(graph=GraphOptions(intrinsics=intrinsics)),
+        "gripper",
+        silent,
+    )
+
+
+def scene_of(seed, **arguments):
+    return simulate_scene(np.random.default_rng(seed), n_images=10, n_points=150, **arguments)
+
+
+def nees(view, scene):
+    final = view.refinement
+    e = frames.log(frames.inverse(final.state.gripper_T_camera) @ scene.gripper_T_camera)
+    return float(e @ np.linalg.solve(final.observability.covariance, e))
+
+
+LIMIT = stats.chi2.isf(1e-3, 6)
+
+
+def test_a_right_camera_file_is_kept():
+    scene = scene_of(0)
+    view = view_of(scene, scene.camera)
+    assert not view.refined
+    assert view.camera is scene.camera
+    assert view.std.tolist() == [0.0] * 8
+    assert "were kept" in view.note
+    assert nees(view, scene) < LIMIT
+
+
+def test_a_wrong_camera_file_is_contradicted_and_refined():
+    scene = scene_of(1)
+    wrong = replace(scene.camera, params=scene.camera.params * [1.02, 1.02, 1, 1, 1, 1, 1, 1])
+    kept, refined = view_of(scene, wrong, "fixed"), view_of(scene, wrong)
+    assert not kept.refined
+    # The error shows as robot noise that is not there.
+    assert kept.refinement.noise.robot_translation > 3 * scene.noise.robot_translation
+    assert refined.refined
+    assert "contradict" in refined.note
+    assert nees(refined, scene) < LIMIT
+    error = refined.camera.params - scene.camera.params
+    assert (np.abs(error) < 5 * refined.std).all()
+
+
+@pytest.mark.parametrize("wish", ["prior", "free"])
+def test_intrinsics_are_refined_on_request(wish):
+    scene = scene_of(2)
+    view = view_of(scene, scene.camera, wish)
+    assert view.refined
+    assert wish in view.note
+    assert (view.std > 0).all()
+
+
+def test_without_a_camera_file_the_intrinsics_are_found():
+    scene = scene_of(3)
+    start = replace(scene.camera, params=scene.camera.params * [1.02, 1.02, 1, 1, 0, 0, 0, 0])
+    view = view_of(replace(scene, model=replace(scene.model, camera=start)), None)
+    assert view.refined
+    assert view.camera.model == "OPENCV"
+    assert nees(view, scene) < LIMIT
+
+
+@pytest.mark.parametrize("camera", [FULL, FISHEYE], ids=["k3", "fisheye"])
+def test_other_models_are_kept_exactly(camera):
+    """The scene is drawn with a pinhole camera, its pixels then moved into the other model."""
+    view_camera, _, _ = pinhole_view(camera, np.array([[640.0, 480.0]]))
+    scene = scene_of(4, camera=view_camera)
+    moved = distorted(camera, scene.model.tracks.pixels)
+    inside = ((moved > 0) & (moved < [camera.width, camera.height])).all(axis=1)
+    tracks = scene.model.tracks
+    kept = replace(
+        tracks,
+        pixels=moved[inside],
+        image_index=tracks.image_index[inside],
+        point_index=tracks.point_index[inside],
+    )
+    scene = replace(scene, model=replace(scene.model, camera=camera, tracks=kept))
+    view = view_of(scene, camera)
+    assert not view.refined
+    assert view.camera.model == camera.model
+    assert nees(view, scene) < LIMIT
+    if camera is FULL:
+        without_k3 = replace(camera, params=np.where(np.arange(12) == 8, 0.0, camera.params))
+        wrong = view_of(scene, without_k3, "fixed")
+        assert wrong.refinement.noise.pixel > 1.3 * view.refinement.noise.pixel
+    else:
+        with pytest.raises(InputDataError, match="OPENCV_FISHEYE cannot be refined"):
+            view_of(scene, camera, "prior")
+
+
+def distorted(camera, pixels):
+    """Pixels of the pinhole view of a camera as the camera itself sees them."""
+    fx, fy, cx, cy = camera.params[:4]
+    rays = (pixels - [cx, cy]) / [fx, fy]
+    real = pycolmap.Camera(
+        model=camera.model, width=camera.width, height=camera.height, params=camera.params
+    )
+    return np.asarray(real.img_from_cam(np.column_stack([rays, np.ones(len(rays))])))
+
+
+def test_a_distortion_that_folds_the_image_is_refined_or_refused():
+    scene = scene_of(5)
+    params = np.zeros(12)
+    params[:8] = scene.camera.params
+    params[8] = -2.5
+    folded = replace(scene.camera, model="FULL_OPENCV", params=params)
+    with pytest.raises(InputDataError, match="folds"):
+        view_of(scene, folded, "fixed")
+    view = view_of(scene, folded)
+    assert view.refined
+    assert "folds" in view.note
+    assert "nearest" in view.note
+    assert nees(view, scene) < LIMIT
