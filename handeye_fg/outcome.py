@@ -14,6 +14,8 @@ from handeye_fg.types import LinearStart, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
+_LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
+
 
 def assemble(
     model: SfmModel,
@@ -88,7 +90,7 @@ def _images(model: SfmModel, inputs: Inputs, final: Refinement) -> tuple[ImageRe
             residual_translation=float(np.linalg.norm(final.residuals[i, 3:])),
             reprojection_rms=float(final.reprojection_rms[i]),
             outlier=bool(final.outliers[i]),
-            reason="the robot pose disagrees with the others" if final.outliers[i] else "",
+            reason=_LEFT_OUT if final.outliers[i] else "",
         )
         for i, name in enumerate(model.names)
     ]
@@ -105,7 +107,9 @@ def _message(model: SfmModel, inputs: Inputs, final: Refinement) -> str:
         parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
     bad = [name for name, outlier in zip(model.names, final.outliers, strict=True) if outlier]
     if bad:
-        parts.append(f"The robot poses of {', '.join(bad)} disagree with the others: check them.")
+        parts.append(
+            f"The robot poses of {', '.join(bad)} disagree with the others and were left out."
+        )
     if not final.converged:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
     parts += [direction.description for direction in final.observability.free_directions]

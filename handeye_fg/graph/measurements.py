@@ -5,6 +5,7 @@ from typing import Literal
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from factors import robot_pose_factor
 from handeye_fg.frames import Array
@@ -70,18 +71,24 @@ def reprojection_graph(
     return graph
 
 
-def robot_graph(base_T_gripper: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
-    """Reported robot poses (n, 4, 4) as measurements with the robot's noise, sigmas (6,)."""
+def robot_graph(
+    base_T_gripper: Array, sigmas: Array, trusted: NDArray[np.bool_] | None = None
+) -> gtsam.NonlinearFactorGraph:
+    """Reported robot poses (n, 4, 4) as measurements with the robot's noise, sigmas (6,).
+
+    ``trusted`` (n,) says which of them are used; None: all.
+    """
     model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     graph = gtsam.NonlinearFactorGraph()
-    for i, reported in enumerate(base_T_gripper):
+    used = range(len(base_T_gripper)) if trusted is None else np.flatnonzero(trusted).tolist()
+    for i in used:
         graph.push_back(
             robot_pose_factor(
                 camera_key(i),
                 GRIPPER_T_CAMERA,
                 BASE_T_WORLD,
                 LOG_SCALE,
-                gtsam.Pose3(reported),
+                gtsam.Pose3(base_T_gripper[i]),
                 model,
             )
         )

@@ -76,6 +76,14 @@ class Rows:
     residual: Array
     columns: NDArray[np.int64]
 
+    def only(self, which: NDArray[np.bool_]) -> "Rows":
+        """The rows of some images."""
+        return Rows(
+            jacobian=self.jacobian[which],
+            residual=self.residual[which],
+            columns=self.columns[which],
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Linearised:

@@ -4,13 +4,14 @@ from dataclasses import dataclass, fields, replace
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
-from handeye_fg import frames
 from handeye_fg.errors import ConvergenceError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph.noise import Solution, estimate_noise, relative_change
 from handeye_fg.graph.optimise import optimise
+from handeye_fg.graph.outliers import disagreeing
 from handeye_fg.graph.reduced import (
     Layout,
     Linearised,
@@ -18,7 +19,12 @@ from handeye_fg.graph.reduced import (
     priors,
     robot_rows,
 )
-from handeye_fg.graph.summary import Refinement, reprojection_errors, summarise
+from handeye_fg.graph.summary import (
+    Refinement,
+    reprojection_errors,
+    robot_residuals,
+    summarise,
+)
 from handeye_fg.graph.variables import (
     INTRINSICS,
     State,
@@ -123,13 +129,7 @@ def _without_mismatches(
 
 def _first_noise(state: State, base_T_gripper: Array, pixel: float) -> NoiseLevels:
     """Levels from the residuals at the start."""
-    scale = float(np.exp(state.log_scale))
-    gripper = (
-        state.base_T_world
-        @ frames.scaled(state.world_T_camera, scale)
-        @ frames.inverse(state.gripper_T_camera)
-    )
-    residuals = frames.log(frames.inverse(base_T_gripper) @ gripper)
+    residuals = robot_residuals(state, base_T_gripper)
     rms = np.sqrt(np.mean(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
     return NoiseLevels(
         pixel=pixel,
@@ -152,13 +152,14 @@ class _Problem:
     reprojections: gtsam.NonlinearFactorGraph
     gauge: gtsam.NonlinearFactorGraph
     base_T_gripper: Array
+    trusted: NDArray[np.bool_]
     intrinsics: IntrinsicsPrior | None
     pixel_unit_px: float
     layout: Layout
 
     def robot(self, noise: NoiseLevels, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
-        return m.robot_graph(self.base_T_gripper, unit * sigmas)
+        return m.robot_graph(self.base_T_gripper, unit * sigmas, self.trusted)
 
     def priors(self, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
         if self.intrinsics is None:
@@ -205,6 +206,7 @@ def _problem(
     base_T_gripper: Array,
     gauge: m.Gauge,
     intrinsics: IntrinsicsPrior | None,
+    trusted: NDArray[np.bool_] | None = None,
 ) -> _Problem:
     with_intrinsics = intrinsics is not None
     return _Problem(
@@ -214,6 +216,7 @@ def _problem(
         ),
         gauge=m.joined([m.gauge_graph(state, gauge), m.wide_prior_graph(state)]),
         base_T_gripper=base_T_gripper,
+        trusted=np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted,
         intrinsics=intrinsics,
         pixel_unit_px=sigma,
         layout=Layout(n_cameras=len(state.world_T_camera), with_intrinsics=with_intrinsics),
@@ -280,6 +283,7 @@ def intrinsics_pull(base_T_gripper: Array, kept: Refinement, prior: IntrinsicsPr
         base_T_gripper,
         "base",
         prior,
+        ~kept.outliers,
     )
     values = to_values(kept.state, with_intrinsics=True)
     solution = estimate_noise(problem.linearised(values, kept.noise), kept.noise, NoiseOptions())
@@ -333,6 +337,13 @@ def refine(
     state, tracks, scales, sigma = _without_mismatches(first.state, tracks, scales)
     problem = _problem(state, tracks, scales, sigma, base_T_gripper, gauge, intrinsics)
     fit = _fitted(problem, state, first.solution.noise, _MAX_ROUNDS, noise, options, progress)
+    iterations = first.iterations + fit.iterations
+    while (bad := disagreeing(fit.linearised, fit.solution, noise)).any():
+        trusted = problem.trusted.copy()
+        trusted[np.flatnonzero(trusted)[bad]] = False
+        problem = replace(problem, trusted=trusted)
+        fit = _fitted(problem, fit.state, fit.solution.noise, _MAX_ROUNDS, noise, options, progress)
+        iterations += fit.iterations
     return summarise(
         model,
         tracks,
@@ -340,7 +351,9 @@ def refine(
         fit.state,
         fit.linearised,
         fit.solution,
-        iterations=first.iterations + fit.iterations,
+        robot_residuals(fit.state, base_T_gripper),
+        problem.trusted,
+        iterations=iterations,
         converged=fit.converged,
         frame=frame,
     )

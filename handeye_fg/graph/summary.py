@@ -5,17 +5,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.observability import Observability, analyse
-from handeye_fg.graph.reduced import Linearised, Rows
+from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
 from handeye_fg.types import NoiseLevels, SfmModel, Tracks
-
-_FALSE_ALARM = 1e-3  # probability that any pose of a good set is called an outlier
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +32,7 @@ class Refinement:
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
         residuals: (n, 6) reported robot pose against the refined one, radians and metres.
-        outliers: (n,) whether a robot pose disagrees with the rest beyond its noise.
+        outliers: (n,) robot poses that disagree with the rest beyond its noise; they were left out.
         reprojection_rms: (n,) pixels.
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
@@ -73,6 +70,13 @@ def reprojection_errors(state: State, tracks: Tracks) -> Array:
     return np.asarray(errors)
 
 
+def robot_residuals(state: State, base_T_gripper: Array) -> Array:
+    """Reported robot poses (n, 4, 4) against those of the state: (n, 6), radians and metres."""
+    metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
+    gripper = state.base_T_world @ metric @ frames.inverse(state.gripper_T_camera)
+    return frames.log(frames.inverse(base_T_gripper) @ gripper)
+
+
 def _spread(world_T_camera: Array) -> float:
     """Root mean square distance of the camera centres from their mean."""
     return float(np.sqrt(np.mean(np.sum(_centred(world_T_camera) ** 2, axis=1))))
@@ -106,18 +110,6 @@ def _image_rms(errors: Array, tracks: Tracks, n_images: int) -> Array:
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 
 
-def _outliers(rows: Rows, covariance: Array) -> NDArray[np.bool_]:
-    """Robot poses whose residual is too improbable for its covariance (n, 6, 6)."""
-    scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
-    shaped = covariance / (scale[:, :, None] * scale[:, None, :])
-    whitened = np.einsum(
-        "nij,nj->ni", np.linalg.pinv(shaped, hermitian=True), rows.residual / scale
-    )
-    squares = np.sum(whitened * rows.residual / scale, axis=1)
-    limit = stats.chi2.isf(_FALSE_ALARM / len(squares), 6)
-    return np.asarray(squares > limit)
-
-
 def summarise(
     model: SfmModel,
     tracks: Tracks,
@@ -125,6 +117,8 @@ def summarise(
     state: State,
     linearised: Linearised,
     solution: Solution,
+    residuals: Array,
+    trusted: NDArray[np.bool_],
     *,
     iterations: int,
     converged: bool,
@@ -139,6 +133,8 @@ def summarise(
         state: the optimum.
         linearised: the problem there.
         solution: noise levels and covariance there.
+        residuals: (n, 6) of all robot poses there.
+        trusted: (n,) which robot poses were used.
         iterations: steps of the optimiser.
         converged: whether it converged.
         frame: parent frame of X.
@@ -172,8 +168,8 @@ def summarise(
         intrinsics_covariance=intrinsics_covariance,
         noise=solution.noise,
         redundancy=solution.redundancy,
-        residuals=linearised.robot.residual,
-        outliers=_outliers(linearised.robot, solution.robot_covariance),
+        residuals=residuals,
+        outliers=~trusted,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),
         iterations=iterations,
         converged=converged,

@@ -72,7 +72,7 @@ def stored_model(folder: Path, digest: str) -> SfmModel | None:
             return None
         unregistered = tuple((str(name), str(reason)) for name, reason in stored["unregistered"])
         reconstruction = pycolmap.Reconstruction(folder)
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError):
+    except (OSError, ValueError, LookupError, TypeError, RuntimeError):
         return None  # damaged or of another version: made again
     return to_sfm_model(reconstruction, unregistered)
 

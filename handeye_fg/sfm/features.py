@@ -88,6 +88,20 @@ def fill_database(
     with pycolmap.Database.open(database) as counts:
         total = len(names)
         progress("features", 0, total)
+        # Entered beforehand, images get their numbers in the order of the names, not in the order in
+        # which threads finish: what follows depends on the numbers.
+        run_cancellable(
+            lambda _: pycolmap.import_images(
+                database,
+                images,
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                image_names=list(names),
+                options=reader_options,
+            ),
+            "the reading of images",
+            lambda: None,
+        )
+        ids = [image.image_id for image in counts.read_all_images()]
         run_cancellable(
             lambda token: pycolmap.extract_features(
                 database,
@@ -100,7 +114,7 @@ def fill_database(
                 cancellation_token=token,
             ),
             "the search for features",
-            lambda: progress("features", counts.num_images(), total),
+            lambda: progress("features", sum(map(counts.exists_keypoints, ids)), total),
         )
         n_pairs = comb(total, 2)
         progress("pairs", 0, n_pairs)

@@ -45,7 +45,7 @@ def read_model(source: ModelSource) -> SfmModel:
         )
     try:
         reconstruction = pycolmap.Reconstruction(folder)
-    except (RuntimeError, ValueError, OSError) as error:
+    except (RuntimeError, ValueError, LookupError, OSError) as error:
         raise InputDataError(
             f"COLMAP model {folder}: cannot be read ({error}); give the folder that holds "
             "cameras.bin, images.bin and points3D.bin (or .txt), often sparse/0"

@@ -60,13 +60,14 @@ def run_cancellable(
         while thread.is_alive():
             thread.join(_POLL_S)
             poll()
+        poll()
     except BaseException:
         token.cancel()
         thread.join()
         raise
     if failures:
         failure = failures[0]
-        if isinstance(failure, RuntimeError | ValueError | OSError):
+        if isinstance(failure, RuntimeError | ValueError | IndexError | OSError):
             raise ReconstructionError(
                 f"structure from motion failed during {what}: {failure}; check that all images can "
                 "be opened, and the free disk space"

@@ -1,0 +1,169 @@
+"""The main flow on a simulated reconstruction; images are there but are not looked at."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import handeye_fg as hf
+from handeye_fg import frames, sfm
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.types import CameraModel
+
+
+@pytest.fixture(scope="module")
+def scene():
+    camera = CameraModel(
+        model="OPENCV",
+        width=64,
+        height=48,
+        params=np.array([55.0, 55.0, 32.2, 24.1, -0.05, 0.02, 1e-3, -1e-3]),
+    )
+    return simulate_scene(
+        np.random.default_rng(0), n_images=8, n_points=80, camera=camera, pixel_sigma=0.01
+    )
+
+
+@pytest.fixture
+def images(tmp_path, scene):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for name in scene.model.names:
+        Image.new("L", (64, 48), 128).save(folder / name)
+    return folder
+
+
+@pytest.fixture
+def reconstruction(monkeypatch, scene):
+    calls = []
+
+    def reconstruct(images, names, camera, **arguments):
+        calls.append({"images": images, "names": names, "camera": camera, **arguments})
+        return scene.model
+
+    monkeypatch.setattr(sfm, "reconstruct", reconstruct)
+    return calls
+
+
+def poses_of(scene):
+    return dict(zip(scene.robot_poses.names, scene.robot_poses.base_T_gripper, strict=True))
+
+
+def error_of(matrix, truth):
+    error = frames.log(frames.inverse(matrix) @ truth)
+    return np.rad2deg(np.linalg.norm(error[:3])), 1e3 * np.linalg.norm(error[3:])
+
+
+def test_calibrate(images, scene, reconstruction, tmp_path):
+    seen = []
+    result = hf.calibrate(
+        images,
+        poses_of(scene),
+        camera=scene.camera,
+        output=tmp_path / "out",
+        progress=lambda *step: seen.append(step),
+    )
+    degrees, millimetres = error_of(result.matrix, scene.gripper_T_camera)
+    assert degrees < 0.05
+    assert millimetres < 0.5
+    assert result.status == "ok"
+    assert [image.name for image in result.images] == list(scene.model.names)
+    assert all(image.registered and not image.outlier for image in result.images)
+    assert ("images", 8, 8) in seen
+    assert any(stage == "iterations" for stage, _, _ in seen)
+    assert set(result.timing_s) == {"input", "sfm", "linear start", "refinement", "total"}
+    assert result.provenance["seed"] == 0
+    assert reconstruction[0]["folder"] == tmp_path / "out" / "sfm"
+    assert hf.load_result(result.save(tmp_path / "out")).matrix.tolist() == result.matrix.tolist()
+
+
+def test_names_without_a_partner_are_listed(images, scene, reconstruction):
+    poses = {**poses_of(scene), "ghost.jpg": np.eye(4)}
+    Image.new("L", (64, 48)).save(images / "extra.png")
+    result = hf.calibrate(images, poses, camera=scene.camera)
+    reasons = {image.name: image.reason for image in result.images if not image.registered}
+    assert reasons == {
+        "extra.png": "no pose has this name",
+        "ghost.jpg": "no image has this name",
+    }
+    assert "2 names" in result.message
+    assert "extra.png" not in reconstruction[0]["names"]
+
+
+def test_eye_to_hand_inverts_the_robot_poses(images, scene, reconstruction):
+    inverted = {name: np.linalg.inv(matrix) for name, matrix in poses_of(scene).items()}
+    result = hf.calibrate(
+        images, inverted, camera=scene.camera, options=hf.Options(setup="eye-to-hand")
+    )
+    degrees, millimetres = error_of(result.matrix, scene.gripper_T_camera)
+    assert degrees < 0.05
+    assert millimetres < 0.5
+    assert result.setup == "eye-to-hand"
+
+
+def test_without_a_camera_the_intrinsics_are_refined(images, scene, reconstruction):
+    result = hf.calibrate(images, poses_of(scene))
+    assert result.intrinsics_refined
+    assert (result.intrinsics_std > 0).all()
+    assert reconstruction[0]["camera"] is None
+
+
+def test_the_limit_of_iterations_is_told(images, scene, reconstruction):
+    options = hf.Options(graph=hf.GraphOptions(max_iterations=1))
+    result = hf.calibrate(images, poses_of(scene), camera=scene.camera, options=options)
+    assert "before it converged" in result.message
+
+
+def test_a_wrong_pose_is_named(images, scene, reconstruction):
+    poses = {name: np.array(matrix) for name, matrix in poses_of(scene).items()}
+    bad = scene.model.names[3]
+    poses[bad][:3, 3] += 0.02
+    result = hf.calibrate(images, poses, camera=scene.camera)
+    assert [image.name for image in result.images if image.outlier] == [bad]
+    assert bad in result.message
+
+
+def test_too_few_images(images, scene):
+    poses = dict(list(poses_of(scene).items())[:2])
+    with pytest.raises(hf.InputDataError, match="only 2 images"):
+        hf.calibrate(images, poses, camera=scene.camera)
+
+
+def test_camera_of_another_size(images, scene):
+    camera = CameraModel(model="PINHOLE", width=640, height=480, params=np.full(4, 500.0))
+    with pytest.raises(hf.InputDataError, match=r"640x480 pixels.*64x48"):
+        hf.calibrate(images, poses_of(scene), camera=camera)
+
+
+def test_a_mask_is_missing(images, scene, tmp_path):
+    with pytest.raises(hf.InputDataError, match="no such file"):
+        hf.calibrate(images, poses_of(scene), camera=scene.camera, masks=tmp_path)
+
+
+def test_masks_are_passed_on(images, scene, reconstruction, tmp_path):
+    for name in scene.model.names:
+        Image.new("L", (64, 48), 255).save(tmp_path / f"{name}.png")
+    hf.calibrate(images, poses_of(scene), camera=scene.camera, masks=tmp_path)
+    assert reconstruction[0]["masks"] == tmp_path
+
+
+def test_refine_an_existing_model(scene, monkeypatch):
+    monkeypatch.setattr(sfm, "read_model", lambda _model: scene.model)
+    poses = poses_of(scene)
+    del poses[scene.model.names[2]]
+    result = hf.refine("model", {**poses, "ghost.jpg": np.eye(4)})
+    degrees, millimetres = error_of(result.matrix, scene.gripper_T_camera)
+    assert degrees < 0.05
+    assert millimetres < 0.5
+    reasons = {image.name: image.reason for image in result.images if not image.registered}
+    assert reasons == {
+        scene.model.names[2]: "no pose has this name",
+        "ghost.jpg": "the model has no such image",
+    }
+    few = dict(list(poses.items())[:2])
+    with pytest.raises(hf.InputDataError, match="only 2 images of the model"):
+        hf.refine("model", few)
+
+
+def test_unknown_names_of_the_package():
+    with pytest.raises(AttributeError, match="no attribute 'solve_everything'"):
+        hf.solve_everything  # noqa: B018
