@@ -27,6 +27,7 @@ from handeye_fg.sfm.features import (
 )
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
+from handeye_fg.sfm.self_calibration import with_centre
 from handeye_fg.types import CameraModel, SfmModel
 
 _log = logging.getLogger(__name__)
@@ -57,6 +58,7 @@ class _Found:
 
     reconstruction: pycolmap.Reconstruction | None
     database: Path
+    refined: bool = False
 
 
 def reconstruct(
@@ -117,9 +119,12 @@ def reconstruct(
         progress("registered", registered, len(names))
         if found.reconstruction is None or registered < FEWEST_IMAGES:
             raise ReconstructionError(too_few(registered, len(names)))
+        reconstruction = found.reconstruction
+        if found.refined:
+            reconstruction = with_centre(reconstruction)
         unregistered = _unregistered(found, names)
-        model = to_sfm_model(found.reconstruction, unregistered)
-        publish(work, folder, found.database, found.reconstruction, unregistered, digest)
+        model = to_sfm_model(reconstruction, unregistered)
+        publish(work, folder, found.database, reconstruction, unregistered, digest)
     return model
 
 
@@ -175,7 +180,6 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
         rung,
         n_images=len(task.names),
         file_camera=task.camera,
-        options=task.options,
         seed=task.seed,
         progress=task.progress,
     )
@@ -183,7 +187,7 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
     chosen = largest(best.reconstruction, reconstruction)
     if chosen is best.reconstruction:
         return best
-    return _Found(reconstruction=chosen, database=database)
+    return _Found(reconstruction=chosen, database=database, refined=rung.refine)
 
 
 def _replace_camera(database: Path, camera: CameraModel | None) -> None:

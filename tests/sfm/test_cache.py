@@ -1,0 +1,141 @@
+"""The folder of a reconstruction: replaced as a whole, reused only for the same inputs."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.options import SfmOptions
+from handeye_fg.sfm.cache import check_replaceable, inputs_digest, publish, staging, stored_model
+from handeye_fg.types import CameraModel
+
+NAMES = ("a.jpg", "b.jpg")
+CAMERA = CameraModel(model="PINHOLE", width=64, height=48, params=np.array([50.0, 50, 32, 24]))
+UNREGISTERED = (("z.jpg", "no features found"),)
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> Path:
+    folder = tmp_path / "images"
+    (folder / "masks").mkdir(parents=True)
+    for name in NAMES:
+        (folder / name).write_bytes(name.encode())
+        (folder / "masks" / f"{name}.png").write_bytes(b"mask")
+    return folder
+
+
+def digest(images: Path, **changes: object) -> str:
+    settings = {
+        "names": NAMES,
+        "camera": CAMERA,
+        "masks": images / "masks",
+        "options": SfmOptions(),
+        "seed": 0,
+        "refine_intrinsics": False,
+    } | changes
+    return inputs_digest(images, **settings)  # type: ignore[arg-type]
+
+
+def reconstruction() -> pycolmap.Reconstruction:
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs = options.num_cameras_per_rig = 1
+    options.num_frames_per_rig, options.num_points3D = 4, 20
+    return pycolmap.synthesize_dataset(options)
+
+
+def store(folder: Path, key: str) -> None:
+    with staging(folder) as work:
+        database = work / "strict.db"
+        database.write_bytes(b"database")
+        publish(work, folder, database, reconstruction(), UNREGISTERED, key)
+
+
+def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
+    changed = [
+        digest(inputs, names=NAMES[:1]),
+        digest(inputs, camera=None),
+        digest(inputs, camera=replace(CAMERA, params=CAMERA.params + 1e-9)),
+        digest(inputs, masks=None),
+        digest(inputs, options=SfmOptions(max_features=100)),
+        digest(inputs, seed=1),
+        digest(inputs, refine_intrinsics=True),
+    ]
+    same = digest(inputs)
+    assert digest(inputs) == same
+    assert digest(inputs, options=SfmOptions(threads=1)) == same
+    (inputs / "masks" / "b.jpg.png").write_bytes(b"other")
+    changed.append(digest(inputs))
+    (inputs / "b.jpg").write_bytes(b"other")
+    changed.append(digest(inputs))
+    assert len({same, *changed}) == len(changed) + 1
+    (inputs / "b.jpg").unlink()
+    with pytest.raises(InputDataError, match=r"b\.jpg: cannot be read"):
+        digest(inputs)
+
+
+def test_a_stored_model_comes_back_only_for_its_inputs(tmp_path: Path) -> None:
+    folder = tmp_path / "out" / "sfm"
+    assert stored_model(folder, "key") is None
+    store(folder, "key")
+    model = stored_model(folder, "key")
+    assert model is not None
+    assert (len(model.names), model.unregistered) == (4, UNREGISTERED)
+    assert stored_model(folder, "other") is None
+    assert [path.name for path in folder.parent.iterdir()] == ["sfm"]
+    assert (folder / "database.db").read_bytes() == b"database"
+
+
+def test_a_model_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    folder = tmp_path / "sfm"
+    store(folder, "old")
+    (folder / "of the old model").touch()
+    store(folder, "new")
+    assert stored_model(folder, "new") is not None
+    assert not (folder / "of the old model").exists()
+
+
+@pytest.mark.parametrize("name", ["inputs.json", "images.bin"])
+def test_a_damaged_model_is_made_again(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "sfm"
+    store(folder, "key")
+    (folder / name).write_bytes(b"{")
+    assert stored_model(folder, "key") is None
+    check_replaceable(folder)
+
+
+def test_a_failure_leaves_the_old_model_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "sfm"
+    store(folder, "key")
+
+    def interrupted() -> None:
+        with staging(folder) as work:
+            (work / "half").touch()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [path.name for path in tmp_path.iterdir()] == ["sfm"]
+    assert stored_model(folder, "key") is not None
+
+
+def test_what_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
+    check_replaceable(tmp_path / "missing")
+    check_replaceable(tmp_path)
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(InputDataError, match="not written by handeye-fg"):
+        check_replaceable(tmp_path)
+    with (
+        pytest.raises(InputDataError, match="cannot be written"),
+        staging(tmp_path / "thesis.tex" / "sfm"),
+    ):
+        pass
+
+
+def test_the_content_says_what_it_was_made_from(tmp_path: Path) -> None:
+    store(tmp_path / "sfm", "key")
+    content = json.loads((tmp_path / "sfm" / "inputs.json").read_text())
+    assert content == {"digest": "key", "unregistered": [["z.jpg", "no features found"]]}

@@ -1,0 +1,175 @@
+"""A few small images through all of structure from motion."""
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from handeye_fg.errors import InputDataError, ReconstructionError
+from handeye_fg.options import SfmOptions
+from handeye_fg.progress import Progress, silent
+from handeye_fg.sfm import read_model, reconstruct
+from handeye_fg.types import CameraModel, SfmModel
+
+pytestmark = pytest.mark.e2e
+
+TABLETOP = Path(__file__).parents[2] / "data" / "tabletop"
+NAMES = tuple(f"frame_{i:04d}.jpg" for i in range(5))
+# The images at half their size: in pixels from the corner, everything halves.
+CAMERA = CameraModel(
+    model="OPENCV",
+    width=640,
+    height=480,
+    params=np.array([550.0, 550.275, 326.3728, 232.583, -0.06, 0.03, 4e-4, -3e-4]),
+)
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("images")
+    for name in (*NAMES, "frame_0005.jpg"):
+        with Image.open(TABLETOP / "images" / name) as image:
+            image.resize((640, 480), Image.Resampling.BOX).save(folder / name, quality=95)
+    return folder
+
+
+def run(
+    images: Path,
+    folder: Path,
+    *,
+    names: tuple[str, ...] = NAMES,
+    camera: CameraModel | None = CAMERA,
+    masks: Path | None = None,
+    progress: Progress = silent,
+) -> SfmModel:
+    return reconstruct(
+        images,
+        names,
+        camera,
+        masks=masks,
+        folder=folder,
+        options=SfmOptions(max_features=2000),
+        seed=0,
+        progress=progress,
+    )
+
+
+@pytest.fixture(scope="module")
+def first(images: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[SfmModel, Path, list]:
+    folder = tmp_path_factory.mktemp("out") / "sfm"
+    told: list[tuple[str, int, int | None]] = []
+    return run(images, folder, progress=lambda *report: told.append(report)), folder, told
+
+
+def test_poses_agree_with_the_truth(first: tuple[SfmModel, Path, list]) -> None:
+    model, _, _ = first
+    assert model.names == NAMES
+    assert model.unregistered == ()
+    np.testing.assert_array_equal(model.camera.params, CAMERA.params)
+    assert model.mean_reprojection_px < 1.0
+    truth = json.loads((TABLETOP / "truth.json").read_text())
+    base_T_camera = np.array(truth["base_T_gripper"])[:5] @ np.array(truth["gripper_T_camera"])
+    theirs = base_T_camera[:, :3, :3].transpose(0, 2, 1) @ base_T_camera[:1, :3, :3]
+    ours = model.world_T_camera[:, :3, :3].transpose(0, 2, 1) @ model.world_T_camera[:1, :3, :3]
+    angles = Rotation.from_matrix(ours @ theirs.transpose(0, 2, 1)).magnitude()
+    # Some 100 matches of 0.5 px at 550 px give 0.01 degrees; five times that, for their geometry.
+    assert np.rad2deg(angles).max() < 0.05
+
+
+def test_progress_is_counted(first: tuple[SfmModel, Path, list]) -> None:
+    _, _, told = first
+    last = {stage: (done, total) for stage, done, total in told}
+    assert last == {"features": (5, 5), "pairs": (10, 10), "registered": (5, 5)}
+
+
+def test_an_unchanged_run_reuses_the_model(
+    images: Path, first: tuple[SfmModel, Path, list]
+) -> None:
+    model, folder, _ = first
+    since = time.monotonic()
+    again = run(images, folder)
+    assert time.monotonic() - since < 2
+    np.testing.assert_array_equal(again.world_T_camera, model.world_T_camera)
+    assert (folder / "database.db").is_file()
+    assert read_model(folder).names == model.names
+
+
+def test_a_repeated_run_finds_the_same(
+    images: Path, first: tuple[SfmModel, Path, list], tmp_path: Path
+) -> None:
+    again = run(images, tmp_path / "sfm")
+    np.testing.assert_array_equal(again.world_T_camera, first[0].world_T_camera)
+
+
+def test_without_a_camera_the_intrinsics_are_found(images: Path, tmp_path: Path) -> None:
+    model = run(images, tmp_path / "sfm", camera=None)
+    assert model.camera.model == "OPENCV"
+    assert len(model.names) == 5
+    # Five views determine the focal length to some percent.
+    assert model.camera.params[:2] == pytest.approx([550, 550], rel=0.1)
+
+
+def test_a_folded_camera_file_is_replaced_by_its_opencv_fit(images: Path, tmp_path: Path) -> None:
+    params = np.array([*CAMERA.params, -2.5, 0.0, 0.0, 0.0])
+    folded = replace(CAMERA, model="FULL_OPENCV", params=params)
+    model = run(images, tmp_path / "sfm", camera=folded)
+    assert model.camera.model == "OPENCV"
+    assert len(model.names) == 5
+    assert model.camera.params[:2] == pytest.approx([550, 550], rel=0.3)
+
+
+def test_an_image_that_shows_something_else_is_named(images: Path, tmp_path: Path) -> None:
+    for name in NAMES:
+        (tmp_path / name).write_bytes((images / name).read_bytes())
+    Image.new("RGB", (640, 480), "grey").save(tmp_path / "blank.png")
+    model = run(tmp_path, tmp_path / "out" / "sfm", names=(*NAMES, "blank.png"))
+    assert model.unregistered == (("blank.png", "no features found"),)
+    assert model.names == NAMES
+
+
+def test_images_without_texture_are_refused_with_a_remedy(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = tuple(f"{i}.png" for i in range(3))
+    for name in names:
+        Image.new("RGB", (640, 480), "grey").save(tmp_path / name)
+    with pytest.raises(ReconstructionError, match=r"placed 0 of 3 images.*more textured"):
+        run(tmp_path, tmp_path / "out" / "sfm", names=names)
+    assert list((tmp_path / "out").iterdir()) == []
+    assert capfd.readouterr().err == ""
+
+
+def test_an_all_black_mask_leaves_nothing(images: Path, tmp_path: Path) -> None:
+    for name in NAMES:
+        Image.new("L", (640, 480), 0).save(tmp_path / f"{name}.png")
+    with pytest.raises(ReconstructionError, match="placed 0 of 5"):
+        run(images, tmp_path / "sfm", masks=tmp_path)
+
+
+@pytest.mark.parametrize("stage", ["features", "pairs", "registered"])
+def test_an_interrupt_stops_within_seconds_and_leaves_nothing(
+    images: Path, tmp_path: Path, stage: str
+) -> None:
+    since: list[float] = []
+
+    def interrupt(name: str, done: int, _total: int | None) -> None:
+        if name == stage and done >= 1:
+            since.append(time.monotonic())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(images, tmp_path / "out" / "sfm", progress=interrupt)
+    assert time.monotonic() - since[0] < 5
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_folder_of_someone_else_is_refused_before_any_work(images: Path, tmp_path: Path) -> None:
+    (tmp_path / "sfm").mkdir()
+    (tmp_path / "sfm" / "notes.txt").touch()
+    with pytest.raises(InputDataError, match="not written by handeye-fg"):
+        run(images, tmp_path / "sfm")
