@@ -64,6 +64,7 @@ def assemble(
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
+            "degrees_of_freedom": final.degrees_of_freedom,
             "pixel_degrees_of_freedom": final.redundancy[0],
             "robot_rotation_degrees_of_freedom": final.redundancy[1],
             "robot_translation_degrees_of_freedom": final.redundancy[2],

@@ -172,3 +172,28 @@ def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOption
         if change < _CONVERGED:
             break
     return solution
+
+
+def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
+    """Effective degrees of freedom of X's covariance (Welch-Satterthwaite); infinite if known.
+
+    X's covariance is the sum of what each noise level contributes, ``Sigma H_g Sigma``. The less
+    data a level was found from, the less certain is its share.
+    """
+    if not solution.noise.estimated:
+        return float("inf")
+    noise, columns = solution.noise, problem.layout.x_columns
+    to_x = solution.covariance[columns]
+    sigmas = (noise.robot_rotation, noise.robot_translation)
+    contributions = [problem.reprojections.hessian / (noise.pixel / problem.pixel_unit_px) ** 2]
+    for part, sigma in enumerate(sigmas):
+        weights = np.zeros(6)
+        weights[3 * part : 3 * part + 3] = sigma**-2.0
+        contributions.append(scatter(problem.robot, weights, problem.layout.dim)[0])
+    x_information = _inverse(solution.covariance[np.ix_(columns, columns)])
+    shares = [float(np.sum(x_information * (to_x @ part @ to_x.T))) / 6 for part in contributions]
+    uncertainty = sum(
+        share**2 / max(redundancy, 1.0)
+        for share, redundancy in zip(shares, solution.redundancy, strict=True)
+    )
+    return 1.0 / uncertainty

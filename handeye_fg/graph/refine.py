@@ -231,6 +231,7 @@ def _fitted(
     noise: NoiseOptions,
     options: GraphOptions,
     progress: Progress,
+    done: int = 0,
 ) -> _Fit:
     """Optimise and estimate the noise in turn until the levels stay the same."""
     with_intrinsics = problem.layout.with_intrinsics
@@ -248,6 +249,7 @@ def _fitted(
             order,
             max_iterations=options.max_iterations,
             progress=progress,
+            done=done + iterations,
         )
         values, iterations, rounds = optimum.values, iterations + optimum.iterations, rounds - 1
         linearised = problem.linearised(values, levels)
@@ -342,7 +344,16 @@ def refine(
         trusted = problem.trusted.copy()
         trusted[np.flatnonzero(trusted)[bad]] = False
         problem = replace(problem, trusted=trusted)
-        fit = _fitted(problem, fit.state, fit.solution.noise, _MAX_ROUNDS, noise, options, progress)
+        fit = _fitted(
+            problem,
+            fit.state,
+            fit.solution.noise,
+            _MAX_ROUNDS,
+            noise,
+            options,
+            progress,
+            iterations,
+        )
         iterations += fit.iterations
     return summarise(
         model,

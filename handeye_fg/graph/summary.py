@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.graph.noise import Solution
+from handeye_fg.graph.noise import Solution, degrees_of_freedom
 from handeye_fg.graph.observability import Observability, analyse
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
 from handeye_fg.types import NoiseLevels, SfmModel, Tracks
+
+_FEWEST = 3.0  # degrees of freedom; with two or fewer a t distribution has no covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,6 +33,8 @@ class Refinement:
         intrinsics_covariance: (8, 8) of ``state.opencv_params``; zeros where fixed.
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
+        degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
+            where the noise levels are known.
         residuals: (n, 6) reported robot pose against the refined one, radians and metres.
         outliers: (n,) robot poses that disagree with the rest beyond its noise; they were left out.
         reprojection_rms: (n,) pixels.
@@ -49,6 +53,7 @@ class Refinement:
     intrinsics_covariance: Array
     noise: NoiseLevels
     redundancy: tuple[float, float, float]
+    degrees_of_freedom: float
     residuals: Array
     outliers: NDArray[np.bool_]
     reprojection_rms: Array
@@ -150,12 +155,15 @@ def summarise(
     x_and_scale[6, layout.columns(LOG_SCALE)] = 1.0
     for i, gradient in enumerate(_spread_gradient(state.world_T_camera)):
         x_and_scale[6, layout.columns(camera_key(i))[3:]] = gradient
-    joint = x_and_scale @ solution.covariance @ x_and_scale.T
+    freedom = degrees_of_freedom(linearised, solution)
+    # With estimated noise levels the errors follow a t distribution; this is its covariance.
+    inflation = 1.0 if np.isinf(freedom) else max(freedom, _FEWEST) / (max(freedom, _FEWEST) - 2.0)
+    joint = inflation * x_and_scale @ solution.covariance @ x_and_scale.T
 
     intrinsics_covariance = np.zeros((8, 8))
     if layout.with_intrinsics:
         columns = np.delete(layout.columns(INTRINSICS), 2)  # without the skew
-        intrinsics_covariance = solution.covariance[np.ix_(columns, columns)]
+        intrinsics_covariance = inflation * solution.covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
         tracks=tracks,
@@ -168,6 +176,7 @@ def summarise(
         intrinsics_covariance=intrinsics_covariance,
         noise=solution.noise,
         redundancy=solution.redundancy,
+        degrees_of_freedom=freedom,
         residuals=residuals,
         outliers=~trusted,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),

@@ -5,6 +5,7 @@ are inverted here, pixels and intrinsics pass unchanged.
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,7 +136,27 @@ def _tracks(
         point_index=np.array(point_index),
         pixels=np.array(pixels),
     )
+    tracks = _distinct(tracks)
     return tracks, _mean_reprojection(tracks, images)
+
+
+def _distinct(tracks: Tracks) -> Tracks:
+    """One observation for each place in an image, that of the longest track.
+
+    SIFT gives a keypoint with two orientations twice. Both are one measurement: counted twice they
+    would make the result look surer than it is, and a mismatch weigh double.
+    """
+    length = np.bincount(tracks.point_index, minlength=len(tracks.points_world))
+    order = np.argsort(-length[tracks.point_index], kind="stable")
+    places = np.column_stack([tracks.image_index, tracks.pixels])[order]
+    _, first = np.unique(places, axis=0, return_index=True)
+    kept = np.sort(order[first])
+    return replace(
+        tracks,
+        image_index=tracks.image_index[kept],
+        point_index=tracks.point_index[kept],
+        pixels=tracks.pixels[kept],
+    )
 
 
 def _mean_reprojection(tracks: Tracks, images: list[pycolmap.Image]) -> float:

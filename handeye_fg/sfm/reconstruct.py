@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from handeye_fg.errors import ReconstructionError
@@ -34,6 +35,9 @@ _log = logging.getLogger(__name__)
 
 # The search for more features doubles the time: only for sets of which more than this is missing.
 _ENOUGH = 0.9
+# Points that the median image sees. With 75 an image of a repeating pattern was placed half a turn
+# off; the plain cases have 400 and more.
+_FEWEST_POINTS = 150
 # Fewer inliers than this in its best pair: an image was not matched (COLMAP's least is 15).
 _FEWEST_MATCHES = 15
 
@@ -142,11 +146,22 @@ def _climb(task: _Task, work: Path) -> _Found:
             rungs.append(Rung(relaxed=True, refine=True))
         for rung in rungs:
             best = _better(task, best, database, rung)
-            if n_registered(best.reconstruction) == len(task.names):
+            complete = n_registered(best.reconstruction) == len(task.names)
+            if complete and not _thin(best.reconstruction):
                 return best
-        if n_registered(best.reconstruction) >= _ENOUGH * len(task.names):
+        if n_registered(best.reconstruction) >= _ENOUGH * len(task.names) and not _thin(
+            best.reconstruction
+        ):
             return best
     return best
+
+
+def _thin(reconstruction: pycolmap.Reconstruction | None) -> bool:
+    """Whether so few points hold the images that their poses may be false."""
+    if reconstruction is None:
+        return True
+    images = [reconstruction.images[i] for i in reconstruction.reg_image_ids()]
+    return float(np.median([image.num_points3D for image in images])) < _FEWEST_POINTS
 
 
 def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:

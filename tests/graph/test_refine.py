@@ -118,6 +118,7 @@ def test_covariance_agrees_with_the_dense_information_matrix():
     scale = np.linalg.norm(jacobian, axis=0)
     expected = np.linalg.inv((jacobian / scale).T @ (jacobian / scale))[:6, :6]
     expected /= np.outer(scale[:6], scale[:6])
+    expected *= result.degrees_of_freedom / (result.degrees_of_freedom - 2)
     np.testing.assert_allclose(result.observability.covariance, expected, rtol=1e-3, atol=1e-13)
 
 
@@ -151,6 +152,8 @@ def test_a_wrong_robot_pose_is_named():
     poses[4, :3, 3] += [0.0, 0.004, 0.0]
     result = fit(replace(scene, robot_poses=replace(scene.robot_poses, base_T_gripper=poses)))
     assert np.flatnonzero(result.outliers).tolist() == [4]
+    assert nees(result, scene) < stats.chi2.isf(1e-3, 6)
+    assert np.linalg.norm(result.residuals[4, 3:]) == pytest.approx(4e-3, rel=0.1)
     assert not fit(scene).outliers.any()
 
 

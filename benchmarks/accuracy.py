@@ -1,0 +1,111 @@
+"""Calibrate data sets and hold the answers against their truth or reference, and against each other.
+
+    python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--halves] [--output DIR]
+
+A SET is a folder with ``images/``, ``poses.csv``, optionally ``camera.yaml`` and ``masks/``, and
+``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). With ``--halves``, the even and the
+odd images are calibrated separately as well: NEES of their difference has 6 degrees of freedom and
+99.9 % limit 22.5. NEES against a reference (not a truth) says little: the reference has errors too.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+import handeye_fg as hf
+from handeye_fg import frames
+from handeye_fg.io.images import list_images
+from handeye_fg.io.poses import read_poses
+
+
+def difference(matrix, expected, covariance):
+    """Degrees, millimetres and NEES between two poses."""
+    error = frames.log(frames.inverse(matrix) @ expected)
+    nees = float(error @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ error)
+    degrees = np.rad2deg(np.linalg.norm(error[:3]))
+    return degrees, 1e3 * np.linalg.norm(matrix[:3, 3] - expected[:3, 3]), nees
+
+
+def calibrated(folder, *, with_camera, output, every=slice(None)):
+    """One calibration, of some of the images."""
+    poses = read_poses(folder / "poses.csv")
+    kept = set(list_images(folder / "images")[every])
+    mapping = {
+        name: pose
+        for name, pose in zip(poses.names, poses.base_T_gripper, strict=True)
+        if name in kept
+    }
+    camera, masks = folder / "camera.yaml", folder / "masks"
+    result = hf.calibrate(
+        folder / "images",
+        mapping,
+        camera=camera if with_camera and camera.exists() else None,
+        masks=masks if masks.exists() else None,
+        output=output,
+    )
+    result.save(output)
+    return result
+
+
+def line(name, result, seconds, expected):
+    """One row of the table."""
+    degrees, millimetres, nees = difference(result.matrix, expected, result.covariance)
+    start = difference(result.initial.gripper_T_camera, expected, result.covariance)
+    noise = result.noise
+    std = np.sqrt(np.diag(result.covariance))
+    return (
+        f"| {name} | {result.sfm.n_registered}/{result.sfm.n_images} "
+        f"| {start[0]:.4f} / {start[1]:.3f} | {degrees:.4f} / {millimetres:.3f} | {nees:.1f} "
+        f"| {np.rad2deg(std[:3].max()):.4f} / {1e3 * std[3:].max():.3f} "
+        f"| {noise.pixel:.2f} / {np.rad2deg(noise.robot_rotation):.3f} / "
+        f"{1e3 * noise.robot_translation:.3f} | {'refined' if result.intrinsics_refined else 'kept'}"
+        f" | {seconds:.0f} |"
+    )
+
+
+def main():
+    """Run the sets that the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sets", nargs="+", type=Path)
+    parser.add_argument("--no-camera", action="store_true")
+    parser.add_argument("--halves", action="store_true")
+    parser.add_argument("--output", type=Path, default=Path("out/accuracy"))
+    arguments = parser.parse_args()
+    print(
+        "| set | registered | linear start, deg / mm | X, deg / mm | NEES (6) | largest std, deg / mm "
+        "| noise found, px / deg / mm | intrinsics | s |\n|---|---|---|---|---|---|---|---|---|"
+    )
+    for folder in arguments.sets:
+        source = next(folder / n for n in ("truth.json", "reference.json") if (folder / n).exists())
+        expected = np.array(json.loads(source.read_text())["gripper_T_camera"])
+        parts = {"all": slice(None)}
+        if arguments.halves:
+            parts |= {"even": slice(0, None, 2), "odd": slice(1, None, 2)}
+        results = {}
+        for part, every in parts.items():
+            name = f"{folder.name} {part}" + (", no camera file" if arguments.no_camera else "")
+            begin = time.perf_counter()
+            results[part] = calibrated(
+                folder,
+                with_camera=not arguments.no_camera,
+                output=arguments.output / name.replace(" ", "_").replace(",", ""),
+                every=every,
+            )
+            print(line(name, results[part], time.perf_counter() - begin, expected), flush=True)
+        if arguments.halves:
+            even, odd = results["even"], results["odd"]
+            degrees, millimetres, nees = difference(
+                even.matrix, odd.matrix, even.covariance + odd.covariance
+            )
+            print(
+                f"| {folder.name} even against odd | | | {degrees:.4f} / {millimetres:.3f} "
+                f"| {nees:.1f} | | | | |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
