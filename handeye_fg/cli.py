@@ -108,6 +108,7 @@ class Calibrate:
         set_verbosity(self.verbose)
         with ExitStack() as stack:
             stack.enter_context(_logging(console, self._log_level()))
+            stack.enter_context(_native_stdout_moved(None if self.verbose else os.devnull))
             view = silent if self.quiet else stack.enter_context(_progress_view(console))
             return calibrate(
                 self.images,
@@ -276,6 +277,27 @@ def _progress_view(console: Console) -> Iterator[Progress]:
         lines = _Lines(console)
         yield lines
         lines.close()
+
+
+@contextmanager
+def _native_stdout_moved(target: str | None) -> Iterator[None]:
+    """Keep what C++ libraries print on stdout away from it: only the result belongs there.
+
+    Args:
+        target: file that gets the text instead; None: stderr.
+    """
+    sys.stdout.flush()
+    saved = os.dup(1)
+    try:
+        if target is None:
+            os.dup2(2, 1)
+        else:
+            with Path(target).open("wb") as sink:
+                os.dup2(sink.fileno(), 1)
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)
 
 
 @contextmanager
