@@ -5,6 +5,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from handeye_fg.errors import ConvergenceError
 from handeye_fg.graph import Refinement, View
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.config import options_digest
@@ -14,7 +15,27 @@ from handeye_fg.types import LinearStart, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
+# An arm that is worse than this, per axis, is broken; wrong conventions give ten times as much.
+_WORST_ARM_DEG, _WORST_ARM_MM = 2.0, 30.0
 _LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
+
+
+def require_agreement(final: Refinement) -> None:
+    """Refuse an answer in which robot and images contradict each other.
+
+    Raises:
+        ConvergenceError: the robot poses are off by more than any arm is.
+    """
+    degrees = np.rad2deg(final.noise.robot_rotation)
+    millimetres = 1e3 * final.noise.robot_translation
+    worse = degrees > _WORST_ARM_DEG or millimetres > _WORST_ARM_MM
+    if final.noise.estimated and worse:
+        raise ConvergenceError(
+            f"robot poses and images contradict each other: they fit only with {degrees:.2g} deg and "
+            f"{millimetres:.2g} mm of robot noise, but no arm has more than {_WORST_ARM_DEG:g} deg "
+            f"or {_WORST_ARM_MM:g} mm; check the convention and unit of the poses, that rows belong "
+            "to their images, and that the scene did not move"
+        )
 
 
 def assemble(

@@ -8,7 +8,7 @@ from handeye_fg.graph import refine_views
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, read_inputs
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.options import Options
-from handeye_fg.outcome import assemble
+from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import SfmModel
@@ -69,6 +69,7 @@ def solve_model(
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)
     view = refine_views(model, reported, inputs.camera, linear, options, parent, progress)
+    require_agreement(view.refinement)
     clock.lap("refinement")
     # 5. X, its covariance, and what is to be known of every image.
     return assemble(model, inputs, linear, view, options, clock.timing_s)

@@ -6,7 +6,7 @@ from PIL import Image
 
 import handeye_fg as hf
 from handeye_fg import frames, sfm
-from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate import disturbed, simulate_scene
 from handeye_fg.types import CameraModel
 
 
@@ -120,6 +120,21 @@ def test_a_wrong_pose_is_named(images, scene, reconstruction):
     result = hf.calibrate(images, poses, camera=scene.camera)
     assert [image.name for image in result.images if image.outlier] == [bad]
     assert bad in result.message
+
+
+def test_poses_of_other_images_are_refused(images, scene, reconstruction):
+    names = scene.robot_poses.names
+    shifted = dict(zip(names, np.roll(scene.robot_poses.base_T_gripper, 3, axis=0), strict=True))
+    with pytest.raises(hf.HandEyeError, match=r"contradict|convention"):
+        hf.calibrate(images, shifted, camera=scene.camera)
+
+
+def test_an_arm_worse_than_any_is_refused(images, scene, reconstruction):
+    rng = np.random.default_rng(3)
+    off = disturbed(rng, scene.robot_poses.base_T_gripper, np.deg2rad(5.0), 0.05)
+    poses = dict(zip(scene.robot_poses.names, off, strict=True))
+    with pytest.raises(hf.ConvergenceError, match="contradict each other"):
+        hf.calibrate(images, poses, camera=scene.camera)
 
 
 def test_too_few_images(images, scene):
