@@ -19,8 +19,8 @@ class SfmOptions:
     """Threads to use; 0: all cores."""
 
     def __post_init__(self) -> None:
-        if self.max_features < 100:
-            raise ValueError(f"sfm.max_features is {self.max_features}, but must be at least 100")
+        if self.max_features < 1:
+            raise ValueError(f"sfm.max_features is {self.max_features}, but must be 1 or more")
         if self.threads < 0:
             raise ValueError(f"sfm.threads is {self.threads}, but must be 0 or more")
 

@@ -39,6 +39,7 @@ def summary_text(result: Result, report: Path | None = None) -> str:
             f"robot {wording.significant(math.degrees(noise.robot_rotation))} deg and "
             f"{wording.significant(1000.0 * noise.robot_translation)} mm per axis",
         ),
+        _row("intrinsics", wording.printable(result.intrinsics_note)),
         _row("images", _images(result)),
     ]
     lines += [
