@@ -11,7 +11,7 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary
 from handeye_fg.options import Options
-from handeye_fg.types import LinearStart, SfmModel
+from handeye_fg.types import LinearStart, Setup, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
@@ -70,7 +70,7 @@ def assemble(
         base_T_world=final.base_T_world,
         noise=final.noise,
         initial=linear,
-        images=_images(model, inputs, final),
+        images=_images(model, inputs, final, options.setup),
         camera=view.camera,
         intrinsics_refined=view.refined,
         intrinsics_std=view.std,
@@ -101,13 +101,18 @@ def assemble(
     )
 
 
-def _images(model: SfmModel, inputs: Inputs, final: Refinement) -> tuple[ImageReport, ...]:
+def _images(
+    model: SfmModel, inputs: Inputs, final: Refinement, setup: Setup
+) -> tuple[ImageReport, ...]:
     """One report for each image and each pose of the input, by name."""
+    base_T_camera = final.base_T_camera
+    if setup == "eye-to-hand":  # the camera stands still: X is its pose in every image
+        base_T_camera = np.broadcast_to(final.state.gripper_T_camera, base_T_camera.shape)
     reports = [
         ImageReport(
             name=name,
             registered=True,
-            base_T_camera=final.base_T_camera[i],
+            base_T_camera=base_T_camera[i],
             residual_rotation=float(np.linalg.norm(final.residuals[i, :3])),
             residual_translation=float(np.linalg.norm(final.residuals[i, 3:])),
             reprojection_rms=float(final.reprojection_rms[i]),

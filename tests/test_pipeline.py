@@ -98,6 +98,7 @@ def test_eye_to_hand_inverts_the_robot_poses(images, scene, reconstruction):
     assert degrees < 0.05
     assert millimetres < 0.5
     assert result.setup == "eye-to-hand"
+    assert all(np.array_equal(image.base_T_camera, result.matrix) for image in result.images)
 
 
 def test_without_a_camera_the_intrinsics_are_refined(images, scene, reconstruction):

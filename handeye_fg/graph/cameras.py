@@ -16,7 +16,7 @@ from handeye_fg.graph.refine import IntrinsicsPrior, intrinsics_pull, refine, st
 from handeye_fg.graph.summary import Refinement
 from handeye_fg.graph.variables import State
 from handeye_fg.intrinsics import covers_image, fitted_opencv, pinhole_view
-from handeye_fg.options import Options
+from handeye_fg.options import Intrinsics, Options
 from handeye_fg.progress import Progress
 from handeye_fg.types import CameraModel, LinearStart, SfmModel
 
@@ -175,7 +175,34 @@ def refine_views(
     if camera is None:
         note = "No camera file was given: the intrinsics were found from the images."
         return _refined(model, base_T_gripper, model.camera, linear, call, note=note, free=True)
-    wish = options.graph.intrinsics
+    wish = _possible(camera, options.graph.intrinsics)
+    if wish in ("prior", "free"):
+        note = f"The camera file's intrinsics were refined ({wish})."
+        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=wish == "free")
+    if not covers_image(camera):
+        reason = "The camera file's distortion folds the image over before its corners"
+    else:
+        kept = _kept(model, base_T_gripper, camera, linear, call)
+        contradiction = None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept)
+        if contradiction is None:
+            return View(
+                refinement=kept,
+                camera=camera,
+                refined=False,
+                std=np.zeros(len(camera.params)),
+                note="The camera file's intrinsics were kept.",
+            )
+        reason = contradiction
+    note = f"{reason}: its intrinsics were refined, with the file's values as prior."
+    return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
+
+
+def _possible(camera: CameraModel, wish: Intrinsics) -> Intrinsics:
+    """What can be done with a camera model of what the options ask for.
+
+    Raises:
+        InputDataError: nothing of it.
+    """
     if camera.model not in _PERSPECTIVE:
         if wish in ("prior", "free"):
             raise InputDataError(
@@ -183,38 +210,20 @@ def refine_views(
                 f"{', '.join(_PERSPECTIVE)} can; use --graph.intrinsics fixed"
             )
         wish = "fixed"
-    usable = covers_image(camera)
-    if wish == "fixed" and not usable:
+    if wish == "fixed" and not covers_image(camera):
         raise InputDataError(
             f"the camera file's distortion ({camera.model}) folds the image over before its corners, "
             "so pixels there have no line of sight; use --graph.intrinsics prior to refine it, or "
             "calibrate the camera again"
         )
-    if wish in ("prior", "free"):
-        note = f"The camera file's intrinsics were refined ({wish})."
-        free = wish == "free"
-        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=free)
-    if not usable:
-        note = (
-            "The camera file's distortion folds the image over before its corners: its intrinsics "
-            "were refined, with the file's values as prior."
-        )
-        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
-    kept = _kept(model, base_T_gripper, camera, linear, call)
-    if wish == "auto" and camera.model in _PERSPECTIVE:
-        centre = kept.state.opencv_params
-        prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
-        pull = intrinsics_pull(base_T_gripper, kept, prior)
-        if pull > _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
-            note = (
-                "The images contradict the camera file's intrinsics (chi-square "
-                f"{pull:.0f} of {len(centre)}): they were refined, with the file's values as prior."
-            )
-            return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
-    return View(
-        refinement=kept,
-        camera=camera,
-        refined=False,
-        std=np.zeros(len(camera.params)),
-        note="The camera file's intrinsics were kept.",
-    )
+    return wish
+
+
+def _contradiction(base_T_gripper: Array, camera: CameraModel, kept: Refinement) -> str | None:
+    """In words how the images contradict kept intrinsics, or None if they do not."""
+    centre = kept.state.opencv_params
+    prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
+    pull = intrinsics_pull(base_T_gripper, kept, prior)
+    if pull <= _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
+        return None
+    return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"

@@ -88,9 +88,10 @@ def _improbable(linearised: Linearised, without: Solution, pose: int, level: flo
     covariance = _for_all(linearised, without).robot_covariance[pose]
     for part, redundancy in zip((slice(0, 3), slice(3, 6)), without.redundancy[1:], strict=True):
         square = _squares(residual[None, part], covariance[None, part, part])[0] / 3.0
-        freedom = max(redundancy, 1.0) if without.noise.estimated else np.inf
-        limit = stats.f.isf(level / 2.0, 3, freedom) if freedom < np.inf else None
-        limit = stats.chi2.isf(level / 2.0, 3) / 3.0 if limit is None else limit
+        if without.noise.estimated:
+            limit = stats.f.isf(level / 2.0, 3, max(redundancy, 1.0))
+        else:
+            limit = stats.chi2.isf(level / 2.0, 3) / 3.0
         if square > limit:
             return True
     return False

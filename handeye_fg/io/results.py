@@ -89,7 +89,8 @@ class Result:
         free_directions: what the data leave undetermined.
         metres_per_world_unit, metres_per_world_unit_std: scale of the SfM model and its standard
             deviation; the latter is written as null, and read as NaN, where the scale is free.
-        base_T_world: Z (4, 4), metres.
+        base_T_world: Z (4, 4), metres; for eye-to-hand, where the scene moves with the gripper, it is
+            gripper_T_world.
         noise: noise levels used.
         initial: the linear start.
         images: one entry for each image or pose row of the input.
