@@ -10,17 +10,20 @@ from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import inverse
 from handeye_fg.intrinsics import opencv_distortion
 from handeye_fg.sfm import read_model
+from handeye_fg.sfm.model import _distinct
+from handeye_fg.sfm.reconstruct import _thin
+from handeye_fg.types import Tracks
 
 PARAMS = [800.0, 805.0, 511.5, 390.25, -0.06, 0.03, 4e-4, -3e-4]
 
 
-def synthetic(n_images: int = 6, n_cameras: int = 1) -> pycolmap.Reconstruction:
+def synthetic(n_images: int = 6, n_cameras: int = 1, n_points: int = 60) -> pycolmap.Reconstruction:
     pycolmap.set_random_seed(0)
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs = n_cameras
     options.num_cameras_per_rig = 1
     options.num_frames_per_rig = n_images // n_cameras
-    options.num_points3D = 60
+    options.num_points3D = n_points
     options.camera_model_id = pycolmap.CameraModelId.OPENCV
     options.camera_width, options.camera_height = 1024, 768
     options.camera_params = PARAMS
@@ -91,3 +94,23 @@ def test_models_that_cannot_serve_are_refused(tmp_path: Path) -> None:
     bare.delete_all_points2D_and_points3D()
     with pytest.raises(ReconstructionError, match="no points"):
         read_model(bare)
+
+
+def test_a_keypoint_that_is_listed_twice_counts_once():
+    """SIFT lists a keypoint of two orientations twice; the longer track keeps it."""
+    tracks = Tracks(
+        points_world=np.zeros((2, 3)),
+        image_index=np.array([0, 0, 1, 1, 2]),
+        point_index=np.array([0, 1, 0, 1, 1]),
+        pixels=np.array([[5.0, 6.0], [5.0, 6.0], [7.0, 8.0], [7.5, 8.0], [1.0, 2.0]]),
+    )
+    distinct = _distinct(tracks)
+    assert distinct.image_index.tolist() == [0, 1, 1, 2]
+    assert distinct.point_index.tolist() == [1, 0, 1, 1]
+    assert distinct.pixels[0].tolist() == [5.0, 6.0]
+
+
+def test_a_model_that_few_points_hold_is_thin():
+    assert _thin(None)
+    assert _thin(synthetic())  # 60 points
+    assert not _thin(synthetic(n_points=400))
