@@ -38,6 +38,8 @@ _ENOUGH = 0.9
 # Points that the median image sees. With 75 an image of a repeating pattern was placed half a turn
 # off; the plain cases have 400 and more.
 _FEWEST_POINTS = 150
+# Inliers in the best pair of the median image, twenty times what makes a pair: enough to place it.
+_PLENTY_OF_MATCHES = 300
 # Fewer inliers than this in its best pair: an image was not matched (COLMAP's least is 15).
 _FEWEST_MATCHES = 15
 
@@ -142,13 +144,19 @@ def _climb(task: _Task, work: Path) -> _Found:
             Rung(relaxed=False, refine=task.refine),
             Rung(relaxed=True, refine=task.refine),
         ]
-        if sensitivity is SENSITIVE and not task.refine:
-            rungs.append(Rung(relaxed=True, refine=True))
+        last = sensitivity is SENSITIVE
         for rung in rungs:
             best = _better(task, best, database, rung)
             complete = n_registered(best.reconstruction) == len(task.names)
             if complete and not _thin(best.reconstruction):
                 return best
+        # Images that match well and still have no model need no more features: the intrinsics are
+        # wrong, or the camera never moved. A search for more would take many minutes, in vain.
+        last = last or (best.reconstruction is None and _well_matched(database))
+        if last and not task.refine:
+            best = _better(task, best, database, Rung(relaxed=True, refine=True))
+        if last:
+            return best
         if n_registered(best.reconstruction) >= _ENOUGH * len(task.names) and not _thin(
             best.reconstruction
         ):
@@ -162,6 +170,12 @@ def _thin(reconstruction: pycolmap.Reconstruction | None) -> bool:
         return True
     images = [reconstruction.images[i] for i in reconstruction.reg_image_ids()]
     return float(np.median([image.num_points3D for image in images])) < _FEWEST_POINTS
+
+
+def _well_matched(database: Path) -> bool:
+    """Whether the median image has plenty of matches with another one."""
+    best_pairs = [inliers for _, inliers in matching_summary(database).values()]
+    return float(np.median(best_pairs)) >= _PLENTY_OF_MATCHES
 
 
 def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
