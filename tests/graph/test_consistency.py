@@ -71,6 +71,9 @@ def test_covariance_noise_levels_and_scale_are_consistent():
     limit = stats.t.ppf(0.975, 40)
     covered = np.sum([np.abs(np.append(d["z"], d["z_scale"])) < limit for d in draws], axis=0)
     assert (covered >= stats.binom.ppf(0.0005, RUNS, 0.95)).all()
+    # Nor is the scale's standard deviation too large.
+    squares = np.sum([d["z_scale"] ** 2 for d in draws])
+    assert stats.chi2.ppf(0.0005, RUNS) < squares < 1.05 * stats.chi2.ppf(0.9995, RUNS)
     # Estimated sigmas: unbiased within 3 standard errors of their mean (1 / sqrt(2 * 40 * RUNS)).
     ratios = np.mean([d["sigmas"] for d in draws], axis=0)
     assert np.abs(ratios - 1.0).max() < 0.035

@@ -87,6 +87,8 @@ def test_nothing_reported_depends_on_the_gauge():
     assert base.metres_per_world_unit_std == pytest.approx(
         camera.metres_per_world_unit_std, rel=1e-4
     )
+    # The gauge leaves ln(scale) uncertain by 1; only the freedom that is measured may be reported.
+    assert base.metres_per_world_unit_std < 1e-3 * base.metres_per_world_unit
     np.testing.assert_allclose(base.base_T_camera, camera.base_T_camera, atol=1e-7)
 
 
