@@ -1,10 +1,11 @@
 """Absolute poses to motion pairs, and what rotation axes the motions span.
 
-``motion_pairs`` is the entry point: it turns n robot poses and n camera poses into pairs (A, B)
-with A X = X B, X = gripper_T_camera. Nothing is solved here.
+Solvers take ``PosePairs`` (absolute poses of robot and camera at the same instants: A X = Z B) or
+``MotionPairs`` (motions between such instants: A X = X B), and turn one into the other with
+``as_motions`` and ``as_poses``. X = gripper_T_camera. Nothing is solved here.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,12 +33,14 @@ class MotionPairs:
         j: index (k,) of the pose where it ends.
         gi_T_gj: robot motions A (k, 4, 4), metres.
         ci_T_cj: camera motions B (k, 4, 4), translations in world units.
+        weights: relative weights (k,), not negative, of the squared residuals; None: all one.
     """
 
     i: Indices
     j: Indices
     gi_T_gj: Array
     ci_T_cj: Array
+    weights: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("i", "j"):
@@ -52,6 +55,7 @@ class MotionPairs:
             object.__setattr__(self, name, motion)
         if self.i.shape != self.j.shape:
             raise ValueError(f"{self.i.shape=} but {self.j.shape=}")
+        object.__setattr__(self, "weights", _weights(self.weights, len(self.i)))
 
     def __len__(self) -> int:
         return len(self.i)
@@ -60,6 +64,32 @@ class MotionPairs:
     def n_poses(self) -> int:
         """Number of distinct poses that the pairs connect."""
         return len(np.union1d(self.i, self.j))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PosePairs:
+    """Poses of the gripper and of the camera at the same instants.
+
+    Attributes:
+        base_T_gripper: robot poses (n, 4, 4), metres.
+        world_T_camera: camera poses (n, 4, 4), translations in world units.
+        weights: relative weights (n,), not negative, of the squared residuals; None: all one.
+    """
+
+    base_T_gripper: Array
+    world_T_camera: Array
+    weights: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("base_T_gripper", "world_T_camera"):
+            poses = np.array(getattr(self, name), dtype=np.float64)
+            poses.setflags(write=False)
+            object.__setattr__(self, name, poses)
+        _checked_length(self.base_T_gripper, self.world_T_camera)
+        object.__setattr__(self, "weights", _weights(self.weights, len(self.base_T_gripper)))
+
+    def __len__(self) -> int:
+        return len(self.base_T_gripper)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,6 +158,31 @@ def motion_pairs(
     return MotionPairs(i=i, j=j, gi_T_gj=gi_T_gj, ci_T_cj=ci_T_cj)
 
 
+def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
+    """The same data as motions: of poses the wide-baseline pairs, weights multiplied."""
+    if isinstance(data, MotionPairs):
+        return data
+    pairs = motion_pairs(data.base_T_gripper, data.world_T_camera)
+    weights = np.asarray(data.weights)
+    return replace(pairs, weights=weights[pairs.i] * weights[pairs.j])
+
+
+def as_poses(data: PosePairs | MotionPairs) -> PosePairs:
+    """The same data as absolute poses, for solvers of A X = Z B.
+
+    Motions (A, B) of a rigid camera satisfy A X = Z B with Z = X. Beside each motion stands the
+    identity on both sides, which says so: I X = Z I.
+    """
+    if isinstance(data, PosePairs):
+        return data
+    rest = np.broadcast_to(np.eye(4), (len(data), 4, 4))
+    return PosePairs(
+        base_T_gripper=np.concatenate([rest, data.gi_T_gj]),
+        world_T_camera=np.concatenate([rest, data.ci_T_cj]),
+        weights=np.tile(np.asarray(data.weights), 2),
+    )
+
+
 def axis_spread(pairs: MotionPairs) -> AxisSpread:
     """What rotation axes the robot's motions span, from the rotation vectors' second moment.
 
@@ -138,6 +193,17 @@ def axis_spread(pairs: MotionPairs) -> AxisSpread:
     rms = np.zeros(3)
     rms[: len(singular)] = singular / np.sqrt(len(vectors))
     return AxisSpread(axes=np.asarray(axes.T), rms_rotation=rms)
+
+
+def _weights(weights: Array | None, n: int) -> Array:
+    """Read-only weights (n,)."""
+    result = np.ones(n) if weights is None else np.array(weights, dtype=np.float64)
+    if result.shape != (n,):
+        raise InputDataError(f"the weights have the shape {result.shape}: expected ({n},)")
+    if not (np.all(np.isfinite(result)) and np.all(result >= 0.0)):
+        raise InputDataError("the weights must be finite and not negative")
+    result.setflags(write=False)
+    return result
 
 
 def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:

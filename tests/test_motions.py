@@ -7,7 +7,15 @@ import pytest
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp, inverse, pose, rotation_angle, scaled
-from handeye_fg.motions import MAX_PAIRS, MotionPairs, axis_spread, motion_pairs
+from handeye_fg.motions import (
+    MAX_PAIRS,
+    MotionPairs,
+    PosePairs,
+    as_motions,
+    as_poses,
+    axis_spread,
+    motion_pairs,
+)
 from handeye_fg.simulate import simulate_poses
 
 
@@ -167,3 +175,27 @@ def test_pairs_check_their_shapes_and_are_read_only() -> None:
     pairs = MotionPairs(i=np.array([0]), j=np.array([1]), gi_T_gj=one, ci_T_cj=one)
     with pytest.raises(ValueError, match="read-only"):
         pairs.gi_T_gj[0, 0, 0] = 2.0
+
+
+def test_poses_become_motions_with_the_product_of_their_weights() -> None:
+    poses, _, _ = simulate_poses(np.random.default_rng(8), n_poses=5)
+    data = PosePairs(
+        base_T_gripper=poses, world_T_camera=poses, weights=np.array([1.0, 2.0, 3.0, 4.0, 0.0])
+    )
+    pairs = as_motions(data)
+    assert as_motions(pairs) is pairs
+    np.testing.assert_array_equal(
+        pairs.weights, np.outer(data.weights, data.weights)[pairs.i, pairs.j]
+    )
+    back = as_poses(pairs)
+    assert as_poses(data) is data
+    np.testing.assert_array_equal(back.base_T_gripper[len(pairs) :], pairs.gi_T_gj)
+    np.testing.assert_array_equal(back.base_T_gripper[0], np.eye(4))
+    np.testing.assert_array_equal(back.weights, np.tile(pairs.weights, 2))
+
+
+def test_weights_are_checked() -> None:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    for weights in (np.ones(2), np.array([1.0, -1.0, 1.0]), np.array([1.0, np.nan, 1.0])):
+        with pytest.raises(InputDataError, match="weights"):
+            PosePairs(base_T_gripper=poses, world_T_camera=poses, weights=weights)

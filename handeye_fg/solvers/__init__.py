@@ -1,10 +1,10 @@
 """Closed forms of hand-eye calibration: one paper, one module; numpy and scipy only.
 
-A solver takes ``MotionPairs`` and returns a ``MotionSolution``. ``linear_start`` is the entry point:
+A solver takes ``PosePairs`` or ``MotionPairs`` and returns a ``Solution``. ``linear_start`` is the entry point:
 it makes the pairs, solves them, and adds base_T_world and the residuals.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -13,21 +13,19 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose, rotation_angle, scaled
 from handeye_fg.motions import MotionPairs, motion_pairs
 from handeye_fg.solvers.andreff_scale import andreff_scale
-from handeye_fg.solvers.solution import MotionSolution
+from handeye_fg.solvers.solution import Solution, Solver
 from handeye_fg.types import LinearStart
 
 __all__ = [
     "METHODS",
-    "MotionSolution",
+    "Solution",
     "andreff_scale",
     "average_base_T_world",
     "linear_start",
     "motion_residuals",
 ]
 
-METHODS: Mapping[str, Callable[[MotionPairs], MotionSolution]] = MappingProxyType(
-    {"andreff_scale": andreff_scale}
-)
+METHODS: Mapping[str, Solver] = MappingProxyType({"andreff_scale": andreff_scale})
 
 
 def linear_start(

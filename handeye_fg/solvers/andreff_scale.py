@@ -21,8 +21,8 @@ import numpy as np
 
 from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, orthonormalised, rotation_angle
-from handeye_fg.motions import AxisSpread, MotionPairs, axis_spread
-from handeye_fg.solvers.solution import MotionSolution
+from handeye_fg.motions import AxisSpread, MotionPairs, PosePairs, as_motions, axis_spread
+from handeye_fg.solvers.solution import Solution
 
 # Rotations smaller than this (rms, radians) are taken for noise of a translating robot, however
 # well they agree: deliberate rotations have ten degrees or more.
@@ -45,15 +45,15 @@ NO_FIT = math.radians(10.0)
 SOLID = 0.1
 
 
-def andreff_scale(pairs: MotionPairs) -> MotionSolution:
+def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
     """Solve A X = X B with an unknown scale of B's translations (method M5).
 
     Components of t_X that the motions leave free (along the axis that all rotations share; all of
     t_X if nothing rotates) are returned as zero.
 
     Args:
-        pairs: robot motions A = gi_T_gj in metres, camera motions B = ci_T_cj in world units;
-            prefer wide baselines.
+        data: robot motions A = gi_T_gj in metres, camera motions B = ci_T_cj in world units (prefer
+            wide baselines), or the poses that they are made of.
 
     Returns:
         X = gripper_T_camera and metres_per_world_unit (the paper's lambda).
@@ -63,6 +63,7 @@ def andreff_scale(pairs: MotionPairs) -> MotionSolution:
         UnobservableError: R_X or the scale cannot be found from these motions: pure rotations,
             one motion, translations along one line, or poses that are all the same.
     """
+    pairs = as_motions(data)
     if len(pairs) < 2:
         raise UnobservableError(
             f"{len(pairs)} motion(s) cannot determine the camera on the gripper: "
@@ -87,7 +88,7 @@ def andreff_scale(pairs: MotionPairs) -> MotionSolution:
     X = np.eye(4)
     X[:3, :3] = R_X
     X[:3, 3] = t_X
-    return MotionSolution(gripper_T_camera=X, metres_per_world_unit=metres_per_world_unit)
+    return Solution(gripper_T_camera=X, metres_per_world_unit=metres_per_world_unit)
 
 
 def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:

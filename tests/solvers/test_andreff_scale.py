@@ -13,7 +13,7 @@ from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, exp, inverse, pose, rotation_angle, scaled
 from handeye_fg.motions import MotionPairs, axis_spread, motion_pairs
 from handeye_fg.simulate import Motion, disturbed, simulate_poses
-from handeye_fg.solvers import MotionSolution, andreff_scale, linear_start
+from handeye_fg.solvers import Solution, andreff_scale, linear_start
 
 # A busy machine is no failure.
 UNHURRIED = settings(deadline=None)
@@ -433,7 +433,7 @@ def rms_errors(multiple: float, solve, motion: Motion = "general") -> tuple[floa
     errors = []
     for seed in range(60):
         robot, camera, truth = simulate_poses(np.random.default_rng(seed), motion=motion, **noise)
-        found: MotionSolution = solve(robot, camera)
+        found: Solution = solve(robot, camera)
         errors.append(
             (
                 rotation_error(found.gripper_T_camera, truth.gripper_T_camera),
@@ -444,7 +444,7 @@ def rms_errors(multiple: float, solve, motion: Motion = "general") -> tuple[floa
     return tuple(np.sqrt(np.mean(np.square(errors), axis=0)).tolist())
 
 
-def consecutive(robot: Array, camera: Array) -> MotionSolution:
+def consecutive(robot: Array, camera: Array) -> Solution:
     i = np.arange(len(robot) - 1)
     return andreff_scale(
         MotionPairs(
