@@ -15,7 +15,7 @@ Setup = Literal["eye-in-hand", "eye-to-hand"]
 Indices = NDArray[np.int64]
 
 
-def _frozen(value: Array, shape: tuple[int | None, ...], name: str) -> Array:
+def frozen_array(value: Array, shape: tuple[int | None, ...], name: str) -> Array:
     """A read-only float64 copy of an array with the given shape (None: any length)."""
     array = np.array(value, dtype=np.float64)
     fits = array.ndim == len(shape) and all(
@@ -27,7 +27,7 @@ def _frozen(value: Array, shape: tuple[int | None, ...], name: str) -> Array:
     return array
 
 
-def _frozen_indices(value: Indices, length: int, name: str) -> Indices:
+def frozen_indices(value: Indices, length: int, name: str) -> Indices:
     """A read-only int64 copy of a vector of indices."""
     array = np.array(value, dtype=np.int64)
     if array.shape != (length,):
@@ -52,7 +52,7 @@ class CameraModel:
     params: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "params", _frozen(self.params, (None,), "params"))
+        object.__setattr__(self, "params", frozen_array(self.params, (None,), "params"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,7 +70,7 @@ class RobotPoses:
     def __post_init__(self) -> None:
         shape = (len(self.names), 4, 4)
         object.__setattr__(
-            self, "base_T_gripper", _frozen(self.base_T_gripper, shape, "base_T_gripper")
+            self, "base_T_gripper", frozen_array(self.base_T_gripper, shape, "base_T_gripper")
         )
 
 
@@ -93,11 +93,11 @@ class Tracks:
     def __post_init__(self) -> None:
         n = len(self.pixels)
         object.__setattr__(
-            self, "points_world", _frozen(self.points_world, (None, 3), "points_world")
+            self, "points_world", frozen_array(self.points_world, (None, 3), "points_world")
         )
-        object.__setattr__(self, "pixels", _frozen(self.pixels, (None, 2), "pixels"))
+        object.__setattr__(self, "pixels", frozen_array(self.pixels, (None, 2), "pixels"))
         for name in ("image_index", "point_index"):
-            object.__setattr__(self, name, _frozen_indices(getattr(self, name), n, name))
+            object.__setattr__(self, name, frozen_indices(getattr(self, name), n, name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +123,7 @@ class SfmModel:
     def __post_init__(self) -> None:
         shape = (len(self.names), 4, 4)
         object.__setattr__(
-            self, "world_T_camera", _frozen(self.world_T_camera, shape, "world_T_camera")
+            self, "world_T_camera", frozen_array(self.world_T_camera, shape, "world_T_camera")
         )
 
 
@@ -149,7 +149,7 @@ class LinearStart:
 
     def __post_init__(self) -> None:
         for name in ("gripper_T_camera", "base_T_world"):
-            object.__setattr__(self, name, _frozen(getattr(self, name), (4, 4), name))
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (4, 4), name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,4 +186,4 @@ class FreeDirection:
     description: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vector", _frozen(self.vector, (3,), "vector"))
+        object.__setattr__(self, "vector", frozen_array(self.vector, (3,), "vector"))
