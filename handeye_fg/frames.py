@@ -61,9 +61,42 @@ def scaled(world_T_camera: Array, metres_per_world_unit: float) -> Array:
     return result
 
 
+def quaternions(rotation: Array) -> Array:
+    """Unit quaternions (..., 4), scalar first and not negative, of rotations (..., 3, 3).
+
+    The column of 4 q q^T with the largest diagonal: exact to rounding at every angle. At 180 degrees
+    both signs are right, and rounding chooses.
+    """
+    m = np.ascontiguousarray(np.moveaxis(rotation, (-2, -1), (0, 1)))
+    x, y, z = m[0, 0], m[1, 1], m[2, 2]
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    ww, xx, yy, zz = 1.0 + x + y + z, 1.0 + x - y - z, 1.0 - x + y - z, 1.0 - x - y + z
+    columns = np.stack([ww, wx, wy, wz, wx, xx, xy, xz, wy, xy, yy, yz, wz, xz, yz, zz], axis=-1)
+    columns = columns.reshape(*ww.shape, 4, 4)
+    largest = np.argmax(np.stack([ww, xx, yy, zz], axis=-1), axis=-1)
+    q = np.take_along_axis(columns, largest[..., None, None], axis=-2)[..., 0, :]
+    q *= np.where(q[..., :1] < 0.0, -1.0, 1.0) / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(q)
+
+
+def rotation_vectors(quaternion: Array) -> Array:
+    """Rotation vectors (..., 3), radians, of unit quaternions (..., 4), scalar first.
+
+    A negative scalar gives an angle above 180 degrees: neighbouring quaternions give neighbouring
+    vectors on both sides of a half turn.
+    """
+    sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, quaternion[..., :1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(sine > 0.0, angle / sine, 2.0)
+    return np.asarray(factor * quaternion[..., 1:])
+
+
 def rotation_angle(rotation: Array) -> Array:
     """Angles in radians of rotation matrices (..., 3, 3)."""
-    return np.asarray(Rotation.from_matrix(rotation).magnitude())
+    q = quaternions(rotation)
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0]))
 
 
 def orthonormalised(rotation: Array) -> Array:

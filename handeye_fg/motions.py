@@ -5,13 +5,12 @@ Solvers take ``PosePairs`` (absolute poses of robot and camera at the same insta
 ``as_motions`` and ``as_poses``. X = gripper_T_camera. Nothing is solved here.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.frames import Array, inverse
+from handeye_fg.frames import Array, quaternions, rotation_angle, rotation_vectors
 from handeye_fg.types import Indices
 
 # Two motions are the least that determine X; they need three poses.
@@ -19,6 +18,9 @@ MIN_POSES = 3
 # 63 images give 1953 pairs: up to there every pair is used, beyond it more pairs of the same
 # images add time but hardly information.
 MAX_PAIRS = 2000
+# Distances are ranked in blocks of so many entries: memory does not grow with the square of the
+# poses, and short lists take one block.
+BLOCK = 2**17
 # Largest defect of R^T R: entries rounded to three digits still pass, a scaled or sheared matrix
 # does not.
 ROTATION_TOLERANCE = 5e-3
@@ -51,6 +53,7 @@ class MotionPairs:
             motion = np.array(getattr(self, name), dtype=np.float64)
             if motion.shape != (len(self.i), 4, 4):
                 raise ValueError(f"{name}: {motion.shape=} but expected ({len(self.i)}, 4, 4)")
+            _check_matrices("robot motion" if name == "gi_T_gj" else "camera motion", motion)
             motion.setflags(write=False)
             object.__setattr__(self, name, motion)
         if self.i.shape != self.j.shape:
@@ -141,30 +144,56 @@ def motion_pairs(
     n = _checked_length(base_T_gripper, world_T_camera)
     if max_pairs < 1:
         raise ValueError(f"{max_pairs=} but expected at least 1")
-    if n * (n - 1) // 2 <= max_pairs:
-        i, j = np.triu_indices(n, k=1)
-    else:
-        i, j = _distant_pairs(base_T_gripper, world_T_camera, max_pairs)
-    gi_T_gj = inverse(base_T_gripper[i]) @ base_T_gripper[j]
+    i, j = _chosen_pairs(base_T_gripper, world_T_camera, max_pairs)
+    gi_T_gj = _between(base_T_gripper, i, j)
     if min_rotation > 0.0:
-        keep = Rotation.from_matrix(gi_T_gj[:, :3, :3]).magnitude() >= min_rotation
+        keep = rotation_angle(gi_T_gj[:, :3, :3]) >= min_rotation
         i, j, gi_T_gj = i[keep], j[keep], gi_T_gj[keep]
         if len(i) == 0:
             raise InputDataError(
                 f"no two of the {n} robot poses differ by {np.degrees(min_rotation):.1f} degrees "
                 "or more in orientation: add poses that turn the gripper"
             )
-    ci_T_cj = inverse(world_T_camera[i]) @ world_T_camera[j]
+    ci_T_cj = _between(world_T_camera, i, j)
     return MotionPairs(i=i, j=j, gi_T_gj=gi_T_gj, ci_T_cj=ci_T_cj)
 
 
 def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
-    """The same data as motions: of poses the wide-baseline pairs, weights multiplied."""
+    """The same data as motions: of poses the wide-baseline pairs, weights multiplied.
+
+    Poses of weight 0 take part in no pair; ``i`` and ``j`` count them nevertheless.
+
+    Raises:
+        InputDataError: fewer than three poses have a weight.
+    """
     if isinstance(data, MotionPairs):
         return data
-    pairs = motion_pairs(data.base_T_gripper, data.world_T_camera)
     weights = np.asarray(data.weights)
-    return replace(pairs, weights=weights[pairs.i] * weights[pairs.j])
+    used = np.flatnonzero(weights)
+    _require_poses(len(used))
+    i, j = _chosen_pairs(data.base_T_gripper[used], data.world_T_camera[used], MAX_PAIRS)
+    i, j = used[i], used[j]
+    return MotionPairs(
+        i=i,
+        j=j,
+        gi_T_gj=_between(data.base_T_gripper, i, j),
+        ci_T_cj=_between(data.world_T_camera, i, j),
+        weights=weights[i] * weights[j],
+    )
+
+
+def with_weight(pairs: MotionPairs) -> MotionPairs:
+    """The motions less those of weight 0."""
+    used = np.flatnonzero(pairs.weights)
+    if len(used) == len(pairs):
+        return pairs
+    return MotionPairs(
+        i=pairs.i[used],
+        j=pairs.j[used],
+        gi_T_gj=pairs.gi_T_gj[used],
+        ci_T_cj=pairs.ci_T_cj[used],
+        weights=np.asarray(pairs.weights)[used],
+    )
 
 
 def as_poses(data: PosePairs | MotionPairs) -> PosePairs:
@@ -188,10 +217,13 @@ def axis_spread(pairs: MotionPairs) -> AxisSpread:
 
     A rotation by 180 degrees has two rotation vectors of opposite sign; the moment is the same.
     """
-    vectors = Rotation.from_matrix(pairs.gi_T_gj[:, :3, :3]).as_rotvec()
-    _, singular, axes = np.linalg.svd(vectors, full_matrices=len(vectors) < 3)
+    vectors = rotation_vectors(quaternions(pairs.gi_T_gj[:, :3, :3]))
+    weights = np.asarray(pairs.weights)
+    # R of the QR factors has the same singular values and axes as the tall matrix.
+    triangle = np.linalg.qr(vectors * np.sqrt(weights)[:, None], mode="r")
+    _, singular, axes = np.linalg.svd(triangle, full_matrices=True)
     rms = np.zeros(3)
-    rms[: len(singular)] = singular / np.sqrt(len(vectors))
+    rms[: len(singular)] = singular / np.sqrt(max(weights.sum(), np.finfo(float).tiny))
     return AxisSpread(axes=np.asarray(axes.T), rms_rotation=rms)
 
 
@@ -213,30 +245,73 @@ def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:
             raise InputDataError(
                 f"the {name} poses have the shape {poses.shape}: expected (n, 4, 4) matrices"
             )
-        if not np.all(np.isfinite(poses)):
-            bad = int(np.argmax(~np.isfinite(poses).all(axis=(1, 2))))
-            raise InputDataError(f"{name} pose {bad} holds a value that is not a finite number")
-        rotation = poses[:, :3, :3]
-        defect = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max(axis=(1, 2))
-        defect[np.linalg.det(rotation) < 0.0] = np.inf
-        if np.any(defect > ROTATION_TOLERANCE):
-            bad = int(np.argmax(defect))
-            raise InputDataError(
-                f"{name} pose {bad} does not hold a rotation: its columns must be orthogonal unit "
-                "vectors of a right-handed frame; check the layout of the matrices"
-            )
+        _check_matrices(f"{name} pose", poses)
     n = len(base_T_gripper)
     if len(world_T_camera) != n:
         raise InputDataError(
             f"there are {n} robot poses but {len(world_T_camera)} camera poses: "
             "give one camera pose for each robot pose, in the same order"
         )
+    _require_poses(n)
+    return n
+
+
+def _require_poses(n: int) -> None:
     if n < MIN_POSES:
         raise InputDataError(
             f"{n} pose(s) cannot determine the camera on the gripper: at least {MIN_POSES} with two "
             "different rotation axes are needed, ten or more are advised"
         )
-    return n
+
+
+def _check_matrices(name: str, matrices: Array) -> None:
+    """Refuse matrices (n, 4, 4) that are not poses; ``name`` says of what."""
+    finite = np.isfinite(matrices)
+    if not np.all(finite):
+        bad = int(np.argmin(finite.all(axis=(1, 2))))
+        raise InputDataError(f"{name} {bad} holds a value that is not a finite number")
+    if len(matrices) == 0:
+        return
+    # Columns as (3, n): the first two are orthogonal unit vectors, the third is their product.
+    x, y, z = np.ascontiguousarray(np.moveaxis(matrices[:, :3, :3], (2, 1), (0, 1)))
+    product = [
+        x[1] * y[2] - x[2] * y[1] - z[0],
+        x[2] * y[0] - x[0] * y[2] - z[1],
+        x[0] * y[1] - x[1] * y[0] - z[2],
+    ]
+    dots = [np.sum(x * x, axis=0) - 1.0, np.sum(y * y, axis=0) - 1.0, np.sum(x * y, axis=0)]
+    defect = np.abs([*dots, *product]).max(axis=0)
+    bad = int(np.argmax(defect))
+    if defect[bad] > ROTATION_TOLERANCE:
+        raise InputDataError(
+            f"{name} {bad} does not hold a rotation: its columns must be orthogonal unit vectors "
+            "of a right-handed frame; check the layout of the matrices"
+        )
+
+
+def _between(a_T_b: Array, i: Indices, j: Indices) -> Array:
+    """bi_T_bj (k, 4, 4) of poses (n, 4, 4).
+
+    The positions are subtracted before they are turned: far from the origin this rounds least.
+    """
+    bi_R_a = np.swapaxes(a_T_b[i, :3, :3], 1, 2)
+    difference = a_T_b[j, :3]
+    difference[:, :, 3] -= a_T_b[i, :3, 3]
+    motion = np.zeros((len(i), 4, 4))
+    np.matmul(bi_R_a, difference, out=motion[:, :3])
+    motion[:, 3, 3] = 1.0
+    return motion
+
+
+def _chosen_pairs(
+    base_T_gripper: Array, world_T_camera: Array, max_pairs: int
+) -> tuple[Indices, Indices]:
+    """All pairs i < j, or ``max_pairs`` distant ones."""
+    n = len(base_T_gripper)
+    if n * (n - 1) // 2 <= max_pairs:
+        i, j = np.triu_indices(n, k=1)
+        return i, j
+    return _distant_pairs(base_T_gripper, world_T_camera, max_pairs)
 
 
 def _distant_pairs(
@@ -248,19 +323,27 @@ def _distant_pairs(
     position = world_T_camera[:, :3, 3]
     # Both distances as fractions of their typical size. |R_i - R_j|_F = 2 sqrt(2) sin(angle / 2).
     features = np.hstack([rotation / _spread(rotation), position / _spread(position)])
+    square = np.sum(features**2, axis=1)
     first = np.arange(n - 1)
     # Pairs (i, j) with i < j: earlier poses have more partners. Each gets its share.
     share = max_pairs * 2.0 * (n - 1 - first) / (n * (n - 1))
     counts = np.diff(np.floor(np.concatenate([[0.0], np.cumsum(share)]) + 0.5).astype(np.int64))
-    i_parts, j_parts = [], []
-    for i, count in zip(first, counts, strict=True):
-        distance = np.sum((features[i + 1 :] - features[i]) ** 2, axis=1)
-        nearer = min(len(distance) // 2, len(distance) - int(count))
-        distant = np.argsort(distance)[nearer:]
-        chosen = distant[np.linspace(0, len(distant) - 1, int(count)).astype(np.int64)]
-        i_parts.append(np.full(int(count), i, dtype=np.int64))
-        j_parts.append(i + 1 + np.sort(chosen))
-    return np.concatenate(i_parts), np.concatenate(j_parts)
+    partners = []
+    rows = max(1, BLOCK // n)
+    for start in range(0, n - 1, rows):
+        i = first[start : start + rows]
+        # Squared distance less a constant of the row. Poses up to i itself come first: no partners.
+        distance = square - 2.0 * features[i] @ features.T
+        distance[np.arange(n) <= i[:, None]] = -np.inf
+        order = np.argsort(distance, axis=1)
+        # The farther half of the partners, or as many as are wanted, evenly.
+        count = counts[i]
+        nearest = i + 1 + np.minimum((n - 1 - i) // 2, n - 1 - i - count)
+        row = np.repeat(np.arange(len(i)), count)
+        step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        last, intervals = n - 1 - nearest, np.maximum(count - 1, 1)
+        partners.append(order[row, nearest[row] + step * last[row] // intervals[row]])
+    return np.repeat(first, counts), np.concatenate(partners)
 
 
 def _spread(values: Array) -> float:

@@ -21,7 +21,14 @@ import numpy as np
 
 from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, orthonormalised, rotation_angle
-from handeye_fg.motions import AxisSpread, MotionPairs, PosePairs, as_motions, axis_spread
+from handeye_fg.motions import (
+    AxisSpread,
+    MotionPairs,
+    PosePairs,
+    as_motions,
+    axis_spread,
+    with_weight,
+)
 from handeye_fg.solvers.solution import Solution
 
 # Rotations smaller than this (rms, radians) are taken for noise of a translating robot, however
@@ -63,7 +70,7 @@ def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
         UnobservableError: R_X or the scale cannot be found from these motions: pure rotations,
             one motion, translations along one line, or poses that are all the same.
     """
-    pairs = as_motions(data)
+    pairs = with_weight(as_motions(data))
     if len(pairs) < 2:
         raise UnobservableError(
             f"{len(pairs)} motion(s) cannot determine the camera on the gripper: "
@@ -110,19 +117,23 @@ def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
     Returns:
         The rotation, or all rotations that fit equally well.
     """
-    R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
-    total = np.einsum("kij,kab->iajb", R_A, R_B).reshape(9, 9)
-    values, vectors = np.linalg.eigh(2.0 * len(pairs) * np.eye(9) - total - total.T)
+    k, weights = len(pairs), np.asarray(pairs.weights)
+    R_A = pairs.gi_T_gj[:, :3, :3].reshape(k, 9) * weights[:, None]
+    R_B = pairs.ci_T_cj[:, :3, :3].reshape(k, 9)
+    # Sum of R_A kron R_B: entry (3 i + a, 3 j + b) is the sum of R_A[i, j] R_B[a, b].
+    total = (R_A.T @ R_B).reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)
+    weight = float(weights.sum())
+    values, vectors = np.linalg.eigh(2.0 * weight * np.eye(9) - total - total.T)
     # What a rotation does that is off by `noise`: |R(noise) - I|_F^2 = 2 noise^2 for each motion.
-    limit = 2.0 * noise**2 * len(pairs)
+    limit = 2.0 * noise**2 * weight
     null = vectors[:, values <= limit]
     best = _projected(vectors[:, 0])
     if null.shape[1] < 2:
         return [best]
     # Null vectors are D R_X with D symmetric; its eigenvectors are the axes of the half turns. Two
     # unequal mixtures of the basis, since any single vector may be singular.
-    weights = np.arange(1.0, null.shape[1] + 1.0)
-    mixed, other = null @ np.sqrt(weights), (null @ weights[::-1]).reshape(3, 3)
+    unequal = np.arange(1.0, null.shape[1] + 1.0)
+    mixed, other = null @ np.sqrt(unequal), (null @ unequal[::-1]).reshape(3, 3)
     candidates = []
     for R in (best, _projected(mixed)):
         D = other @ R.T
@@ -130,7 +141,7 @@ def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
         half_turns = [2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes.T]
         turned = [R, *(half_turn @ R for half_turn in half_turns)]
         candidates += [_projected(null @ (null.T @ R_turned.reshape(9))) for R_turned in turned]
-    misfits = [float(6.0 * len(pairs) - 2.0 * R.ravel() @ total @ R.ravel()) for R in candidates]
+    misfits = [float(6.0 * weight - 2.0 * R.ravel() @ total @ R.ravel()) for R in candidates]
     best_misfit = min(misfits)
     return [
         R for R, misfit in zip(candidates, misfits, strict=True) if misfit <= best_misfit + limit
@@ -174,7 +185,7 @@ def _rotation_from_translations(pairs: MotionPairs) -> Array:
         InputDataError: the translations are mirror images of each other.
     """
     t_A, u_B = pairs.gi_T_gj[:, :3, 3], pairs.ci_T_cj[:, :3, 3]
-    correlation = t_A.T @ u_B
+    correlation = (t_A.T * pairs.weights) @ u_B
     singular = np.linalg.svd(correlation, compute_uv=False)
     if singular[1] < ONE_AXIS**2 * singular[0] or singular[0] == 0.0:
         raise UnobservableError(
@@ -231,9 +242,10 @@ def _camera_axis(pairs: MotionPairs, n: Array) -> Array:
     """
     R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
     # R_B + R_B^T = 2 cos I + 2 (1 - cos) m m^T: m is the strongest eigenvector of the sum.
-    _, vectors = np.linalg.eigh(np.sum(R_B + np.swapaxes(R_B, 1, 2), axis=0))
+    mean = np.tensordot(np.asarray(pairs.weights), R_B, axes=1)
+    _, vectors = np.linalg.eigh(mean + mean.T)
     m = np.asarray(vectors[:, -1])
-    agreement = np.sum((_antisymmetric(R_A) @ n) * (_antisymmetric(R_B) @ m))
+    agreement = np.sum((_antisymmetric(R_A) @ n) * (_antisymmetric(R_B) @ m) * pairs.weights)
     return m if agreement >= 0.0 else -m
 
 
@@ -259,7 +271,7 @@ def _rotation_taking(m: Array, n: Array) -> Array:
 def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tuple[Array, float]:
     """Step 2: ``[R_A - I, -R_X u_B] [t_X; lambda] = -t_A`` by linear least squares.
 
-    The residual is in metres, the same for each pair, so the equations are not weighted.
+    The residual is in metres, the same for each pair: only the weights of the data count.
 
     Args:
         pairs: the motions.
@@ -296,7 +308,8 @@ def _translation_equations(
     """Least squares for (components of t_X along ``found``, lambda): see ``_least_squares``."""
     R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
     v = pairs.ci_T_cj[:, :3, 3] @ R_X.T
-    columns = np.concatenate([(R_A - np.eye(3)) @ found, -v[:, :, None]], axis=2)
+    turned = ((R_A - np.eye(3)).reshape(-1, 3) @ found).reshape(len(pairs), 3, -1)
+    columns = np.concatenate([turned, -v[:, :, None]], axis=2)
     return _least_squares(columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs)
 
 
@@ -309,11 +322,16 @@ def _negative_scale() -> str:
 
 
 def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Array, Array, float]:
-    """Minimum-norm solution (d,), covariance (d, d; infinite where free), sum of squares.
+    """Minimum-norm solution (d,), covariance (d, d; infinite where free), weighted sum of squares.
 
     Pairs that share poses repeat the same noise: n poses hold n - 1 independent motions, and the
     covariance is enlarged accordingly.
     """
+    root = np.repeat(np.sqrt(np.asarray(pairs.weights)), len(right) // len(pairs))
+    # The triangle of the QR factors stands for the tall system: same solutions, same residuals.
+    triangle = np.linalg.qr(np.column_stack([matrix, right]) * root[:, None], mode="r")
+    d = matrix.shape[1]
+    n_equations, matrix, right = len(right), triangle[:, :d], triangle[:, d]
     norms = np.linalg.norm(matrix, axis=0)
     norms[norms == 0.0] = 1.0
     u, singular, vt = np.linalg.svd(matrix / norms, full_matrices=False)
@@ -323,7 +341,7 @@ def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Arr
     solution = (vt.T * weights) @ (u.T @ right)
     squares = float(np.sum((matrix / norms @ solution - right) ** 2))
     repetition = max(1.0, len(pairs) / (pairs.n_poses - 1))
-    variance = repetition * squares / max(1, len(right) - len(solution))
+    variance = repetition * squares / max(1, n_equations - d)
     covariance = (vt.T * (variance * weights**2)) @ vt
     touched = np.any(np.abs(vt[free]) > math.sqrt(RANK_TOLERANCE), axis=0)
     covariance[touched, touched] = np.inf
