@@ -184,7 +184,7 @@ def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
 
 def with_weight(pairs: MotionPairs) -> MotionPairs:
     """The motions less those of weight 0."""
-    used = np.flatnonzero(pairs.weights)
+    used = np.flatnonzero(np.asarray(pairs.weights))
     if len(used) == len(pairs):
         return pairs
     return MotionPairs(
@@ -327,7 +327,8 @@ def _distant_pairs(
     first = np.arange(n - 1)
     # Pairs (i, j) with i < j: earlier poses have more partners. Each gets its share.
     share = max_pairs * 2.0 * (n - 1 - first) / (n * (n - 1))
-    counts = np.diff(np.floor(np.concatenate([[0.0], np.cumsum(share)]) + 0.5).astype(np.int64))
+    ends = np.floor(np.concatenate([[0.0], np.cumsum(share)]) + 0.5).astype(np.int64)
+    counts = ends[1:] - ends[:-1]
     partners = []
     rows = max(1, BLOCK // n)
     for start in range(0, n - 1, rows):

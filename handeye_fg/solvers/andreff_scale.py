@@ -185,7 +185,7 @@ def _rotation_from_translations(pairs: MotionPairs) -> Array:
         InputDataError: the translations are mirror images of each other.
     """
     t_A, u_B = pairs.gi_T_gj[:, :3, 3], pairs.ci_T_cj[:, :3, 3]
-    correlation = (t_A.T * pairs.weights) @ u_B
+    correlation = (t_A.T * np.asarray(pairs.weights)) @ u_B
     singular = np.linalg.svd(correlation, compute_uv=False)
     if singular[1] < ONE_AXIS**2 * singular[0] or singular[0] == 0.0:
         raise UnobservableError(
@@ -329,7 +329,7 @@ def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Arr
     """
     root = np.repeat(np.sqrt(np.asarray(pairs.weights)), len(right) // len(pairs))
     # The triangle of the QR factors stands for the tall system: same solutions, same residuals.
-    triangle = np.linalg.qr(np.column_stack([matrix, right]) * root[:, None], mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([matrix, right]) * root[:, None], mode="r"))
     d = matrix.shape[1]
     n_equations, matrix, right = len(right), triangle[:, :d], triangle[:, d]
     norms = np.linalg.norm(matrix, axis=0)
