@@ -128,13 +128,35 @@ class SfmModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownPoints:
+    """The first points of a model's tracks where their positions are known: corners of a target.
+
+    They make the model's world metric: its unit is the target's metre.
+
+    Attributes:
+        points_world: positions (k, 3), metres.
+        sigma: standard deviation of a position, per axis, metres.
+        log_scale_sigma: standard deviation of ln(metres_per_world_unit), the scale of all positions.
+    """
+
+    points_world: Array
+    sigma: float
+    log_scale_sigma: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "points_world", frozen_array(self.points_world, (None, 3), "points_world")
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinearStart:
     """A closed-form answer, before any noise model.
 
     Attributes:
         method: the solver's name.
         gripper_T_camera: X (4, 4), metres.
-        base_T_world: Z (4, 4), metres: base_T_gripper X = Z scaled(world_T_camera).
+        base_T_world: Z (4, 4), metres: base_T_gripper X = Z scaled(world_T_camera); None for motions.
         metres_per_world_unit: the scale, positive.
         residual_rotation, residual_translation: root mean square over the motion pairs of the
             angle (radians) and the length (metres) of A X against X B.
@@ -142,14 +164,15 @@ class LinearStart:
 
     method: str
     gripper_T_camera: Array
-    base_T_world: Array
+    base_T_world: Array | None
     metres_per_world_unit: float
     residual_rotation: float
     residual_translation: float
 
     def __post_init__(self) -> None:
         for name in ("gripper_T_camera", "base_T_world"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), (4, 4), name))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_array(getattr(self, name), (4, 4), name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,12 +184,14 @@ class NoiseLevels:
         robot_rotation: of a reported robot pose, radians.
         robot_translation: of a reported robot pose, metres.
         estimated: whether they were found from the data (else given by the user).
+        corner: of an observed corner of a known target, pixels; None without target.
     """
 
     pixel: float
     robot_rotation: float
     robot_translation: float
     estimated: bool
+    corner: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -58,7 +58,13 @@ class IntrinsicsPrior:
 
 
 def start_state(model: SfmModel, opencv_params: Array, linear: LinearStart) -> State:
-    """The SfM model and the linear start as first values."""
+    """The SfM model and the linear start as first values.
+
+    Raises:
+        ValueError: the linear start is of motions, without base_T_world.
+    """
+    if linear.base_T_world is None:
+        raise ValueError(f"{linear.base_T_world=} but expected a pose")
     return State(
         world_T_camera=model.world_T_camera,
         points_world=model.tracks.points_world,

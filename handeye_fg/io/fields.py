@@ -77,9 +77,7 @@ class Fields:
         Raises:
             InputDataError: the key is missing or has another value.
         """
-        if key in self.values and self.values[key] is None:
-            return None
-        return self.number(key)
+        return None if self._is_null(key) else self.number(key)
 
     def integer(self, key: str, *, least: int = 0, most: int = 2**53) -> int:
         """An integer within bounds.
@@ -128,6 +126,14 @@ class Fields:
             raise self.error(key, f"{size} finite numbers in nested lists")
         return np.array(numbers).reshape([-1 if n is None else n for n in shape])
 
+    def optional_array(self, key: str, shape: tuple[int | None, ...]) -> Array | None:
+        """An array of finite numbers, or None where the document has null.
+
+        Raises:
+            InputDataError: the key is missing or has another value.
+        """
+        return None if self._is_null(key) else self.array(key, shape)
+
     def mapping(self, key: str) -> "Fields":
         """A mapping at a key.
 
@@ -138,6 +144,14 @@ class Fields:
         if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
             raise self.error(key, "a mapping with names as keys")
         return Fields(where=self.where, remedy=self.remedy, values=value, path=f"{self.path}{key}.")
+
+    def optional_mapping(self, key: str) -> "Fields | None":
+        """A mapping at a key, or None where the document has null.
+
+        Raises:
+            InputDataError: the key is missing or has another value.
+        """
+        return None if self._is_null(key) else self.mapping(key)
 
     def mappings(self, key: str) -> "tuple[Fields, ...]":
         """A list of mappings at a key.
@@ -155,6 +169,9 @@ class Fields:
             path=self.path,
         )
         return tuple(items.mapping(name) for name in items.values)
+
+    def _is_null(self, key: str) -> bool:
+        return key in self.values and self.values[key] is None
 
 
 def finite(value: object) -> float | None:

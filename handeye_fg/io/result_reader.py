@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.fields import Fields, finite, reason, shown
@@ -75,19 +75,8 @@ def from_document(document: object, where: str = "result document") -> Result:
             f"{where}: the calibration failed ({fields.text('message')}), so there is no result;"
             " remove the cause and calibrate again"
         )
-    calibration, scale, noise, intrinsics, sfm = (
-        fields.mapping(key)
-        for key in ("calibration", "metres_per_world_unit", "noise", "intrinsics", "sfm")
-    )
+    calibration, scale = fields.mapping("calibration"), fields.mapping("metres_per_world_unit")
     calibration.text("parent", (parent_frame(setup),))
-    camera = CameraModel(
-        model=intrinsics.text("model"),
-        width=intrinsics.integer("width", least=1),
-        height=intrinsics.integer("height", least=1),
-        params=intrinsics.array("params", (None,)),
-    )
-    if intrinsics.number("first_pixel_centre") != 0.5:
-        raise intrinsics.error("first_pixel_centre", "0.5")
     std = scale.optional_number("std")
     try:
         result = Result(
@@ -95,32 +84,18 @@ def from_document(document: object, where: str = "result document") -> Result:
             setup=setup,
             message=fields.text("message"),
             matrix=calibration.array("matrix", (4, 4)),
-            covariance=calibration.array("covariance", (6, 6)),
+            covariance=calibration.optional_array("covariance", (6, 6)),
             free_directions=tuple(
                 _free_direction(direction) for direction in calibration.mappings("free_directions")
             ),
             metres_per_world_unit=scale.number("value"),
             metres_per_world_unit_std=math.nan if std is None else std,
-            base_T_world=fields.array("base_T_world", (4, 4)),
-            noise=NoiseLevels(
-                pixel=noise.number("pixel_px"),
-                robot_rotation=math.radians(noise.number("robot_rotation_deg")),
-                robot_translation=noise.number("robot_translation_mm") / 1e3,
-                estimated=noise.flag("estimated"),
-            ),
+            base_T_world=fields.optional_array("base_T_world", (4, 4)),
+            noise=_noise(fields.optional_mapping("noise")),
             initial=_start(fields.mapping("initial")),
             images=tuple(_image(image) for image in fields.mappings("images")),
-            camera=camera,
-            intrinsics_refined=intrinsics.flag("refined"),
-            intrinsics_std=intrinsics.array("std", camera.params.shape),
-            intrinsics_note=intrinsics.text("note"),
-            sfm=SfmSummary(
-                n_images=sfm.integer("n_images"),
-                n_registered=sfm.integer("n_registered"),
-                n_points=sfm.integer("n_points"),
-                n_observations=sfm.integer("n_observations"),
-                mean_reprojection_px=sfm.number("mean_reprojection_px"),
-            ),
+            **_intrinsics(fields.optional_mapping("intrinsics")),
+            sfm=_sfm(fields.optional_mapping("sfm")),
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),
@@ -158,6 +133,49 @@ def _check_agrees(found: object, wanted: object, fields: Fields, key: str) -> No
         raise InputDataError(f"{fields.where}: {key or 'root'}: {problem}; {fields.remedy}")
 
 
+def _intrinsics(fields: Fields | None) -> dict[str, Any]:
+    """The fields of the result that tell of the intrinsics."""
+    if fields is None:
+        return {}
+    camera = CameraModel(
+        model=fields.text("model"),
+        width=fields.integer("width", least=1),
+        height=fields.integer("height", least=1),
+        params=fields.array("params", (None,)),
+    )
+    if fields.number("first_pixel_centre") != 0.5:
+        raise fields.error("first_pixel_centre", "0.5")
+    return {
+        "camera": camera,
+        "intrinsics_refined": fields.flag("refined"),
+        "intrinsics_std": fields.array("std", camera.params.shape),
+        "intrinsics_note": fields.text("note"),
+    }
+
+
+def _noise(fields: Fields | None) -> NoiseLevels | None:
+    if fields is None:
+        return None
+    return NoiseLevels(
+        pixel=fields.number("pixel_px"),
+        robot_rotation=math.radians(fields.number("robot_rotation_deg")),
+        robot_translation=fields.number("robot_translation_mm") / 1e3,
+        estimated=fields.flag("estimated"),
+    )
+
+
+def _sfm(fields: Fields | None) -> SfmSummary | None:
+    if fields is None:
+        return None
+    return SfmSummary(
+        n_images=fields.integer("n_images"),
+        n_registered=fields.integer("n_registered"),
+        n_points=fields.integer("n_points"),
+        n_observations=fields.integer("n_observations"),
+        mean_reprojection_px=fields.number("mean_reprojection_px"),
+    )
+
+
 def _free_direction(fields: Fields) -> FreeDirection:
     return FreeDirection(
         kind=cast("Kind", fields.text("kind", get_args(Kind))),
@@ -171,7 +189,7 @@ def _start(fields: Fields) -> LinearStart:
     return LinearStart(
         method=fields.text("method"),
         gripper_T_camera=fields.array("matrix", (4, 4)),
-        base_T_world=fields.array("base_T_world", (4, 4)),
+        base_T_world=fields.optional_array("base_T_world", (4, 4)),
         metres_per_world_unit=fields.number("metres_per_world_unit"),
         residual_rotation=math.radians(fields.number("residual_rotation_deg")),
         residual_translation=fields.number("residual_translation_mm") / 1e3,
@@ -181,11 +199,10 @@ def _start(fields: Fields) -> LinearStart:
 def _image(fields: Fields) -> ImageReport:
     rotation = fields.optional_number("residual_rotation_deg")
     translation = fields.optional_number("residual_translation_mm")
-    no_pose = "base_T_camera" in fields.values and fields.values["base_T_camera"] is None
     return ImageReport(
         name=fields.text("name"),
         registered=fields.flag("registered"),
-        base_T_camera=None if no_pose else fields.array("base_T_camera", (4, 4)),
+        base_T_camera=fields.optional_array("base_T_camera", (4, 4)),
         residual_rotation=None if rotation is None else math.radians(rotation),
         residual_translation=None if translation is None else translation / 1e3,
         reprojection_rms=fields.optional_number("reprojection_rms_px"),

@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Literal, cast
@@ -85,54 +85,62 @@ class Result:
         message: one sentence for a person.
         matrix: X (4, 4), metres: gripper_T_camera, or base_T_camera for eye-to-hand.
         covariance: 6x6 of X, order (rotation, translation), right perturbation in the camera frame,
-            radians and metres; of the determined subspace only, where directions are free.
+            radians and metres; of the determined subspace only, where directions are free. None
+            where the method gives none.
         free_directions: what the data leave undetermined.
         metres_per_world_unit, metres_per_world_unit_std: scale of the SfM model and its standard
-            deviation; the latter is written as null, and read as NaN, where the scale is free.
+            deviation; the latter is written as null, and read as NaN, where the scale is free or
+            has none.
         base_T_world: Z (4, 4), metres; for eye-to-hand, where the scene moves with the gripper, it is
-            gripper_T_world.
-        noise: noise levels used.
-        initial: the linear start.
+            gripper_T_world. None for motions, which have no world.
+        initial: the closed form: the start of a refinement, or the answer itself.
         images: one entry for each image or pose row of the input.
-        camera: final intrinsics.
-        intrinsics_refined: whether they were estimated.
-        intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
-        intrinsics_note: what was done with the intrinsics and why, in words.
-        sfm: size of the reconstruction.
         observability: named figures about what the motion determines.
         timing_s: seconds by stage.
         provenance: versions, options digest, input digest, seed.
+        noise: noise levels used; None where the method models none.
+        camera: final intrinsics; None where there were no images.
+        intrinsics_refined: whether they were estimated.
+        intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
+        intrinsics_note: what was done with the intrinsics and why, in words.
+        sfm: size of the reconstruction; None where there were no images.
     """
 
     status: Status
     setup: Setup
     message: str
     matrix: Array
-    covariance: Array
+    covariance: Array | None
     free_directions: tuple[FreeDirection, ...]
     metres_per_world_unit: float
     metres_per_world_unit_std: float
-    base_T_world: Array
-    noise: NoiseLevels
+    base_T_world: Array | None
     initial: LinearStart
     images: tuple[ImageReport, ...]
-    camera: CameraModel
-    intrinsics_refined: bool
-    intrinsics_std: Array
-    intrinsics_note: str
-    sfm: SfmSummary
     observability: Mapping[str, float]
     timing_s: Mapping[str, float]
     provenance: Mapping[str, str | int]
+    noise: NoiseLevels | None = None
+    camera: CameraModel | None = None
+    intrinsics_refined: bool = False
+    intrinsics_std: Array | None = None
+    intrinsics_note: str = ""
+    sfm: SfmSummary | None = None
 
     def __post_init__(self) -> None:
-        for name in ("matrix", "base_T_world"):
-            _set_pose(self, name)
-        _set_array(self, "covariance", (6, 6))
-        _set_array(self, "intrinsics_std", self.camera.params.shape)
+        _set_pose(self, "matrix")
+        if self.base_T_world is not None:
+            _set_pose(self, "base_T_world")
+        if self.covariance is not None:
+            _set_array(self, "covariance", (6, 6))
+        if (self.camera is None) != (self.intrinsics_std is None):
+            raise ValueError("camera and intrinsics_std must be given together")
+        if self.camera is not None:
+            _set_array(self, "intrinsics_std", self.camera.params.shape)
         _check_finite(self, "metres_per_world_unit")
-        for name in ("pixel", "robot_rotation", "robot_translation"):
-            _check_finite(self.noise, name)
+        if self.noise is not None:
+            for name in ("pixel", "robot_rotation", "robot_translation"):
+                _check_finite(self.noise, name)
         for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
             _check_finite(self.initial, name)
         if (self.status == "partial") != bool(self.free_directions):
@@ -164,12 +172,16 @@ def parent_frame(setup: Setup) -> Literal["gripper", "base"]:
 
 
 def std_rotation_deg(result: Result) -> tuple[float | None, ...]:
-    """Standard deviations (3,) of X's rotation about the camera's axes; None where it is free."""
+    """Standard deviations (3,) of X's rotation about the camera's axes; None where free or unknown."""
+    if result.covariance is None:
+        return (None,) * 3
     return _without_free(np.degrees(np.degrees(result.covariance[:3, :3])), result, "rotation")
 
 
 def std_translation_mm(result: Result) -> tuple[float | None, ...]:
-    """Standard deviations (3,) of X's position along the camera's axes; None where it is free."""
+    """Standard deviations (3,) of X's position along the camera's axes; None where free or unknown."""
+    if result.covariance is None:
+        return (None,) * 3
     return _without_free(1e6 * result.covariance[3:, 3:], result, "translation")
 
 
@@ -198,7 +210,7 @@ def to_document(result: Result) -> Document:
             "matrix": result.matrix.tolist(),
             "translation_m": result.matrix[:3, 3].tolist(),
             "quaternion_xyzw": quaternion_xyzw(result.matrix[:3, :3]).tolist(),
-            "covariance": result.covariance.tolist(),
+            "covariance": _nested(result.covariance),
             "std_rotation_deg": list(std_rotation_deg(result)),
             "std_translation_mm": list(std_translation_mm(result)),
             "free_directions": [
@@ -215,32 +227,12 @@ def to_document(result: Result) -> Document:
             "value": float(result.metres_per_world_unit),
             "std": None if scale_is_free else _finite(result.metres_per_world_unit_std),
         },
-        "base_T_world": result.base_T_world.tolist(),
-        "noise": {
-            "pixel_px": float(result.noise.pixel),
-            "robot_rotation_deg": math.degrees(result.noise.robot_rotation),
-            "robot_translation_mm": 1e3 * float(result.noise.robot_translation),
-            "estimated": bool(result.noise.estimated),
-        },
+        "base_T_world": _nested(result.base_T_world),
+        "noise": _noise_document(result.noise),
         "initial": _start_document(result.initial),
         "images": [_image_document(image) for image in result.images],
-        "intrinsics": {
-            "model": result.camera.model,
-            "params": result.camera.params.tolist(),
-            "width": int(result.camera.width),
-            "height": int(result.camera.height),
-            "first_pixel_centre": 0.5,
-            "refined": bool(result.intrinsics_refined),
-            "std": result.intrinsics_std.tolist(),
-            "note": result.intrinsics_note,
-        },
-        "sfm": {
-            "n_images": int(result.sfm.n_images),
-            "n_registered": int(result.sfm.n_registered),
-            "n_points": int(result.sfm.n_points),
-            "n_observations": int(result.sfm.n_observations),
-            "mean_reprojection_px": float(result.sfm.mean_reprojection_px),
-        },
+        "intrinsics": _intrinsics_document(result),
+        "sfm": None if result.sfm is None else asdict(result.sfm),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),
@@ -312,11 +304,42 @@ def _without_free(
     )
 
 
+def _nested(array: Array | None) -> object:
+    return None if array is None else array.tolist()
+
+
+def _noise_document(noise: NoiseLevels | None) -> Document | None:
+    if noise is None:
+        return None
+    return {
+        "pixel_px": float(noise.pixel),
+        "robot_rotation_deg": math.degrees(noise.robot_rotation),
+        "robot_translation_mm": 1e3 * float(noise.robot_translation),
+        "estimated": bool(noise.estimated),
+    }
+
+
+def _intrinsics_document(result: Result) -> Document | None:
+    camera = result.camera
+    if camera is None:
+        return None
+    return {
+        "model": camera.model,
+        "params": camera.params.tolist(),
+        "width": int(camera.width),
+        "height": int(camera.height),
+        "first_pixel_centre": 0.5,
+        "refined": bool(result.intrinsics_refined),
+        "std": _nested(result.intrinsics_std),
+        "note": result.intrinsics_note,
+    }
+
+
 def _start_document(start: LinearStart) -> Document:
     return {
         "method": start.method,
         "matrix": start.gripper_T_camera.tolist(),
-        "base_T_world": start.base_T_world.tolist(),
+        "base_T_world": _nested(start.base_T_world),
         "metres_per_world_unit": float(start.metres_per_world_unit),
         "residual_rotation_deg": math.degrees(start.residual_rotation),
         "residual_translation_mm": 1e3 * float(start.residual_translation),
@@ -329,7 +352,7 @@ def _image_document(image: ImageReport) -> Document:
     return {
         "name": image.name,
         "registered": bool(image.registered),
-        "base_T_camera": None if image.base_T_camera is None else image.base_T_camera.tolist(),
+        "base_T_camera": _nested(image.base_T_camera),
         "residual_rotation_deg": None if rotation is None else math.degrees(rotation),
         "residual_translation_mm": None if translation is None else 1e3 * float(translation),
         "reprojection_rms_px": None if rms is None else float(rms),

@@ -82,7 +82,7 @@ def drawings(result: Result) -> tuple[Drawing, ...]:
         # A name in a script that the measuring font lacks is still drawn by the browser's font.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         candidates = (
-            _residuals(placed),
+            _residuals(result),
             _centres(result, placed),
             _reprojection(placed),
             _correlations(result),
@@ -90,8 +90,8 @@ def drawings(result: Result) -> tuple[Drawing, ...]:
     return tuple(drawing for drawing in candidates if drawing is not None)
 
 
-def _residuals(images: Sequence[ImageReport]) -> Drawing | None:
-    shown = [image for image in images if image.residual_translation is not None]
+def _residuals(result: Result) -> Drawing | None:
+    shown = [image for image in result.images if image.residual_translation is not None]
     if not shown:
         return None
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
@@ -102,11 +102,17 @@ def _residuals(images: Sequence[ImageReport]) -> Drawing | None:
     _bars(lower, shown, degrees, "orientation, deg")
     _name_axis(lower, shown)
     worst = int(np.argmax(millimetres))
+    if result.sfm is not None:
+        title = "Reported against refined robot pose"
+        what = "each robot pose as reported and as refined"
+    else:
+        title = "Robot against camera"
+        what = "where robot and camera put the camera, in each row"
     return _drawing(
         figure,
         "residuals",
-        title="Reported against refined robot pose",
-        caption="Distance and angle between each robot pose as reported and as refined. "
+        title=title,
+        caption=f"Distance and angle between {what}. "
         f"Largest distance: {wording.number(millimetres[worst])} mm at "
         f"{wording.printable(shown[worst].name)}. Rejected poses are hatched; a bar that is cut off has its value above it.",
     )
@@ -159,12 +165,14 @@ def _centres(result: Result, images: Sequence[ImageReport]) -> Drawing | None:
         figure,
         "centres",
         title="Where the camera was",
-        caption="Refined positions in the base frame: gripper (squares), camera (discs), the "
+        caption="Positions in the base frame: gripper (squares), camera (discs), the "
         "viewing direction as a short stroke. Motions about several axes determine X well.",
     )
 
 
-def _correlations(result: Result) -> Drawing:
+def _correlations(result: Result) -> Drawing | None:
+    if result.covariance is None:
+        return None
     sigmas = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
     stds = (*std_rotation_deg(result), *std_translation_mm(result))
     known = np.array([std is not None and std > 0.0 for std in stds])

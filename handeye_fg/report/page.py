@@ -86,24 +86,17 @@ def _context(result: Result) -> dict[str, object]:
         "matrix_text": _python_text(matrix),
         "translation": wording.numbers(matrix[:3, 3], 6),
         "quaternion": wording.numbers(quaternion_xyzw(matrix[:3, :3]), 7),
-        "base_T_world": [wording.numbers(row, 7) for row in result.base_T_world],
+        "base_T_world": _rows(result.base_T_world, ".7f"),
         "convention": wording.COVARIANCE_CONVENTION,
-        "covariance": [[f"{value:.3e}" for value in row] for row in result.covariance],
-        "scale": wording.significant(result.metres_per_world_unit, 7),
-        "scale_std": wording.significant(result.metres_per_world_unit_std, 2),
-        "scale_free": wording.scale_is_free(result),
-        "noise_estimated": result.noise.estimated,
-        "noise": (
-            wording.significant(result.noise.pixel),
-            wording.significant(math.degrees(result.noise.robot_rotation)),
-            wording.significant(1000.0 * result.noise.robot_translation),
-        ),
+        "covariance": _rows(result.covariance, ".3e"),
+        "scale": wording.scale_text(result),
+        "noise": _noise(result),
         "intrinsics": _intrinsics(result),
         "start": _start(result),
         "sfm": result.sfm,
-        "mean_reprojection": wording.number(result.sfm.mean_reprojection_px),
+        "extent": wording.extent(result),
+        "rejected": wording.rejected(result),
         "images": [_image(image) for image in result.images],
-        "n_outliers": sum(image.outlier for image in result.images),
         "figures": drawings(result),
         "observability": _pairs(result.observability),
         "timing": _pairs(result.timing_s, 1),
@@ -134,8 +127,37 @@ def _python_text(matrix: Array) -> str:
     return "[" + ",\n ".join(rows) + "]"
 
 
-def _intrinsics(result: Result) -> dict[str, object]:
-    camera = result.camera
+def _rows(matrix: Array | None, form: str) -> list[list[str]] | None:
+    """A matrix as text."""
+    return None if matrix is None else [[f"{value:{form}}" for value in row] for row in matrix]
+
+
+def _noise(result: Result) -> dict[str, object] | None:
+    noise = result.noise
+    if noise is None:
+        return None
+    return {
+        "estimated": noise.estimated,
+        "rows": (
+            ("image observation", wording.significant(noise.pixel), "px"),
+            (
+                "reported robot orientation",
+                wording.significant(math.degrees(noise.robot_rotation)),
+                "deg",
+            ),
+            (
+                "reported robot position",
+                wording.significant(1000.0 * noise.robot_translation),
+                "mm",
+            ),
+        ),
+    }
+
+
+def _intrinsics(result: Result) -> dict[str, object] | None:
+    camera, stds = result.camera, result.intrinsics_std
+    if camera is None or stds is None:
+        return None
     return {
         "model": camera.model,
         "width": camera.width,
@@ -151,7 +173,7 @@ def _intrinsics(result: Result) -> dict[str, object]:
             for name, value, std in zip(
                 wording.parameter_names(camera.model, len(camera.params)),
                 camera.params,
-                result.intrinsics_std,
+                stds,
                 strict=True,
             )
         ],
@@ -173,10 +195,7 @@ def _start(result: Result) -> dict[str, object]:
             wording.significant(initial.metres_per_world_unit, 7),
             wording.significant(result.metres_per_world_unit, 7),
         ),
-        "residual": (
-            wording.number(math.degrees(initial.residual_rotation), 3),
-            wording.number(1000.0 * initial.residual_translation, 2),
-        ),
+        "residual": wording.residual_text(result),
         "moved_rotation": wording.number(
             math.degrees(float(frames.rotation_angle(difference[:3, :3]))), 3
         ),

@@ -17,7 +17,6 @@ def summary_text(result: Result, report: Path | None = None) -> str:
     """
     name = wording.transform_name(result)
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
-    noise = result.noise
     lines = [
         wording.printable(result.message),
         "",
@@ -32,16 +31,21 @@ def summary_text(result: Result, report: Path | None = None) -> str:
         _row("std rotation", "  ".join(wording.numbers(std_rotation, 4)) + "  deg"),
         _row("std translation", "  ".join(wording.numbers(std_translation, 3)) + "  mm"),
         _row("", "(along the camera's x, y, z axes)"),
-        _row("scale", scale_text(result)),
-        _row(
-            "noise estimated" if noise.estimated else "noise given",
+        _row("scale", wording.scale_text(result)),
+    ]
+    if (noise := result.noise) is not None:
+        levels = (
             f"pixel {wording.significant(noise.pixel)} px, "
             f"robot {wording.significant(math.degrees(noise.robot_rotation))} deg and "
-            f"{wording.significant(1000.0 * noise.robot_translation)} mm per axis",
-        ),
-        _row("intrinsics", wording.printable(result.intrinsics_note)),
-        _row("images", _images(result)),
-    ]
+            f"{wording.significant(1000.0 * noise.robot_translation)} mm per axis"
+        )
+        lines.append(_row("noise estimated" if noise.estimated else "noise given", levels))
+    else:
+        lines.append(_row("residual", f"{wording.residual_text(result)} rms over motion pairs"))
+    if result.camera is not None:
+        lines.append(_row("intrinsics", wording.printable(result.intrinsics_note)))
+    counts = f"{wording.extent(result)}, {wording.rejected(result)}"
+    lines.append(_row("images" if result.sfm is not None else "rows", counts))
     lines += [
         f"  {wording.printable(image.name)}: {wording.printable(image.reason)}"
         for image in result.images
@@ -63,22 +67,5 @@ def matrix_lines(matrix: Array) -> list[str]:
     return ["  [" + " ".join(f"{value:11.7f}" for value in row) + "]" for row in matrix]
 
 
-def scale_text(result: Result) -> str:
-    """The scale with its standard deviation."""
-    value = wording.significant(result.metres_per_world_unit, 7)
-    if wording.scale_is_free(result):
-        return f"{value} metres per world unit (undetermined)"
-    std = wording.significant(result.metres_per_world_unit_std, 2)
-    return f"{value} ± {std} metres per world unit"
-
-
 def _row(label: str, text: str) -> str:
     return f"{label:<16} {text}".rstrip()
-
-
-def _images(result: Result) -> str:
-    outliers = sum(image.outlier for image in result.images)
-    return (
-        f"{result.sfm.n_registered} of {result.sfm.n_images} registered, "
-        f"{outliers} robot {'pose' if outliers == 1 else 'poses'} rejected"
-    )

@@ -58,6 +58,40 @@ def scale_is_free(result: Result) -> bool:
     return any(item.kind == "scale" for item in result.free_directions)
 
 
+def extent(result: Result) -> str:
+    """How much of the input was of use."""
+    if result.sfm is not None:
+        return f"{result.sfm.n_registered} of {result.sfm.n_images} registered"
+    return f"{sum(row.registered for row in result.images)} of {len(result.images)} paired"
+
+
+def rejected(result: Result) -> str:
+    """How many poses were taken for wrong."""
+    n = sum(image.outlier for image in result.images)
+    noun = "robot pose" if result.sfm is not None else "row"
+    return f"{n} {noun}{'' if n == 1 else 's'} rejected"
+
+
+def scale_text(result: Result) -> str:
+    """The scale with its standard deviation, where it has one."""
+    value = f"{significant(result.metres_per_world_unit, 7)} metres per world unit"
+    if scale_is_free(result):
+        return f"{value} (undetermined)"
+    if math.isnan(result.metres_per_world_unit_std):
+        return value
+    std = significant(result.metres_per_world_unit_std, 2)
+    return value.replace(" metres", f" ± {std} metres", 1)
+
+
+def residual_text(result: Result) -> str:
+    """What the closed form leaves over the pairs of motions."""
+    start = result.initial
+    return (
+        f"{number(math.degrees(start.residual_rotation), 3)} deg and "
+        f"{number(1000.0 * start.residual_translation, 2)} mm"
+    )
+
+
 def number(value: float | None, digits: int = 3) -> str:
     """A number with fixed digits, or a dash where there is none."""
     if value is None or not math.isfinite(value):

@@ -112,7 +112,7 @@ def test_page_says_what_a_person_needs(result: Result) -> None:
         "Noise found in the data",
         "Refined near the values of the file",
         "too few matches with other images",
-        "17 of 18 images registered, 1 robot pose rejected",
+        "17 of 18 registered, 1 robot pose rejected",
         "andreff_scale",
     ):
         assert words in text, words
@@ -135,7 +135,7 @@ def test_partial_result_names_what_is_free(result: Result) -> None:
     text = " ".join(render(partial).split())
     assert "Partial.</span>" in text
     assert text.count("tilt the arm") == 3
-    assert "metres per world unit, undetermined by the data" in text
+    assert "metres per world unit (undetermined)" in text
     assert "rotation undetermined about each of them" in text
     row = re.search(r"translation, std \(mm\)</th>(.*?)</tr>", text)
     assert row
