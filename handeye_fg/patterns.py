@@ -148,7 +148,7 @@ def _lattice(columns: int, rows: int) -> Array:
 
 
 def renumberings(pattern: Pattern) -> tuple[Indices, Indices]:
-    """The numberings under which the layout of the corners is the same, as if the target were turned.
+    """The numberings under which the layout of the corners is the same; colours are not looked at.
 
     Returns:
         Turned: (r, k), new number of every corner, the unchanged numbering first; the target turned
@@ -169,4 +169,15 @@ def renumberings(pattern: Pattern) -> tuple[Indices, Indices]:
             if distance.max() < _COINCIDENT:
                 found.append(number)
     k = len(corners)
-    return np.array(turned).reshape(-1, k), np.array(mirrored).reshape(-1, k)
+    return np.array(turned).reshape(-1, k), np.array(mirrored, np.int64).reshape(-1, k)
+
+
+def ambiguities(pattern: Pattern) -> Indices:
+    """The numberings (r, k) that no image tells apart, the unchanged one first."""
+    turned, _ = renumberings(pattern)
+    if not isinstance(pattern, Grid) or pattern.kind != "chessboard":
+        return turned
+    # A square has the colour of the first one where column and row of its first corner sum up even.
+    columns = pattern.columns
+    first = turned[:, [0, 1, columns, columns + 1]].min(axis=1)
+    return np.asarray(turned[(first // columns + first % columns) % 2 == 0])

@@ -1,17 +1,15 @@
 """Camera files of ROS (camera_info) and OpenCV (FileStorage YAML) as COLMAP camera models."""
 
-import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.io.fields import Fields, reason, shown
-from handeye_fg.io.files import read_text
+from handeye_fg.io.fields import Fields
+from handeye_fg.io.yaml_files import read_yaml
 from handeye_fg.types import CameraModel
 
 _MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "K", "k")
@@ -29,21 +27,7 @@ _LENGTHS = {
     "": (0, 4, 5, 8, 12, 14),
 }
 _LARGEST_SIDE = 100_000
-_LARGEST_FILE = 100_000  # characters; a camera file has some hundred
 _REMEDY = "correct the camera file"
-_YAML = "tag:yaml.org,2002:"
-
-# What PyYAML raises on malformed text and on tags that do not suit their value.
-_MALFORMED = (
-    yaml.YAMLError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    LookupError,
-    ArithmeticError,
-    RecursionError,
-)
-
 
 def read_camera(path: Path) -> CameraModel:
     """Read the intrinsics of a ROS camera_info or an OpenCV FileStorage YAML file.
@@ -64,7 +48,7 @@ def read_camera(path: Path) -> CameraModel:
             matrix or distortion are missing or impossible; or the file has a skew, thin-prism or
             tilt terms, binning or a region of interest, which cannot be represented.
     """
-    fields = _parsed(path)
+    fields = read_yaml(path, "camera file", "a ROS camera_info or OpenCV YAML file", _REMEDY)
     width, height = _size(fields)
     _check_whole_image(fields, width, height)
     fx, fy, cx, cy = _camera_matrix(fields)
@@ -75,65 +59,6 @@ def read_camera(path: Path) -> CameraModel:
         height=height,
         params=np.array([fx, fy, cx + 0.5, cy + 0.5, *coefficients]),
     )
-
-
-class _Loader(yaml.SafeLoader):
-    """Plain data only: no aliases, which could grow without bound, and no double keys."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node that is no alias."""
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.constructor.ConstructorError(None, None, "aliases are not supported")
-        return super().compose_node(parent, index)
-
-    def construct_plain(self, node: yaml.Node) -> dict[Hashable, object]:
-        """A mapping, of whatever tag, without double keys."""
-        if not isinstance(node, yaml.MappingNode):
-            raise yaml.constructor.ConstructorError(None, None, f"{node.tag} must be a mapping")
-        result: dict[Hashable, object] = self.construct_mapping(node, deep=True)
-        if len(result) != len(node.value):
-            raise yaml.constructor.ConstructorError(
-                None, None, f"a key occurs twice in the mapping in line {node.start_mark.line + 1}"
-            )
-        return result
-
-    def construct_text(self, node: yaml.ScalarNode) -> str:
-        """A scalar as it is written."""
-        return str(node.value)
-
-
-for _tag in ("map", "opencv-matrix", "opencv-nd-matrix"):
-    _Loader.add_constructor(_YAML + _tag, _Loader.construct_plain)
-_Loader.add_constructor(_YAML + "timestamp", _Loader.construct_text)
-_Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
-    _YAML + "float", re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+$"), list("-+.0123456789")
-)
-
-
-def _parsed(path: Path) -> Fields:
-    """The file's only document."""
-    text = read_text(path, "camera file")
-    if len(text) > _LARGEST_FILE:
-        raise InputDataError(
-            f"camera file {path}: {len(text)} characters are too many for a camera file, at most"
-            f" {_LARGEST_FILE} were expected; give the file of the intrinsics"
-        )
-    if text.startswith("%YAML"):  # OpenCV's header is not always valid YAML
-        text = text[text.find("\n") :] if "\n" in text else ""
-    try:
-        documents = [d for d in yaml.load_all(text, Loader=_Loader) if d is not None]
-    except _MALFORMED as error:
-        raise InputDataError(
-            f"camera file {path}: not valid YAML ({reason(error)}); {_REMEDY}"
-        ) from error
-    if len(documents) != 1 or not isinstance(documents[0], dict):
-        found = shown(documents[0]) if len(documents) == 1 else f"{len(documents)} documents"
-        raise InputDataError(
-            f"camera file {path}: found {found}, but wanted one mapping of keys such as"
-            " camera_matrix to values; give a ROS camera_info or OpenCV YAML file"
-        )
-    values = {str(key): value for key, value in documents[0].items()}
-    return Fields(where=f"camera file {path}", remedy=_REMEDY, values=values)
 
 
 def _key(fields: Fields, keys: Sequence[str], wanted: str) -> str:

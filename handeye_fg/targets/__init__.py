@@ -1,0 +1,10 @@
+"""Known targets in images: corners, and camera poses from them; the only package that finds boards.
+
+Entry points: ``find_target`` (corners in a set of images) and ``board_poses`` (camera poses).
+"""
+
+from handeye_fg.targets.detect import find_target
+from handeye_fg.targets.poses import BoardPoses, board_poses, place_on_board
+
+
+__all__ = ["BoardPoses", "board_poses", "find_target", "place_on_board"]
