@@ -5,7 +5,8 @@ Solvers take ``PosePairs`` (absolute poses of robot and camera at the same insta
 ``as_motions`` and ``as_poses``. X = gripper_T_camera. Nothing is solved here.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, quaternions, rotation_angle, rotation_vectors
 from handeye_fg.types import Indices
 
-# Two motions are the least that determine X; they need three poses.
-MIN_POSES = 3
+# One motion: the least that says anything of X. Two that determine it need three poses.
+MIN_POSES = 2
 # 63 images give 1953 pairs: up to there every pair is used, beyond it more pairs of the same
 # images add time but hardly information.
 MAX_PAIRS = 2000
@@ -95,6 +96,9 @@ class PosePairs:
         return len(self.base_T_gripper)
 
 
+Data = TypeVar("Data", PosePairs, MotionPairs)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisSpread:
     """The principal axes of the rotation vectors of a set of motions.
@@ -137,7 +141,7 @@ def motion_pairs(
         max_pairs: most pairs returned.
 
     Raises:
-        InputDataError: fewer than three poses, lists of different length, matrices that are not
+        InputDataError: fewer than two poses, lists of different length, matrices that are not
             poses, or no pair turns by ``min_rotation``.
         ValueError: ``max_pairs`` is not positive.
     """
@@ -145,7 +149,7 @@ def motion_pairs(
     if max_pairs < 1:
         raise ValueError(f"{max_pairs=} but expected at least 1")
     i, j = _chosen_pairs(base_T_gripper, world_T_camera, max_pairs)
-    gi_T_gj = _between(base_T_gripper, i, j)
+    gi_T_gj = between(base_T_gripper, i, j)
     if min_rotation > 0.0:
         keep = rotation_angle(gi_T_gj[:, :3, :3]) >= min_rotation
         i, j, gi_T_gj = i[keep], j[keep], gi_T_gj[keep]
@@ -154,8 +158,22 @@ def motion_pairs(
                 f"no two of the {n} robot poses differ by {np.degrees(min_rotation):.1f} degrees "
                 "or more in orientation: add poses that turn the gripper"
             )
-    ci_T_cj = _between(world_T_camera, i, j)
+    ci_T_cj = between(world_T_camera, i, j)
     return MotionPairs(i=i, j=j, gi_T_gj=gi_T_gj, ci_T_cj=ci_T_cj)
+
+
+def between(a_T_b: Array, i: Indices, j: Indices) -> Array:
+    """bi_T_bj (k, 4, 4) of poses (n, 4, 4).
+
+    The positions are subtracted before they are turned: far from the origin this rounds least.
+    """
+    bi_R_a = np.swapaxes(a_T_b[i, :3, :3], 1, 2)
+    difference = a_T_b[j, :3]
+    difference[:, :, 3] -= a_T_b[i, :3, 3]
+    motion = np.zeros((len(i), 4, 4))
+    np.matmul(bi_R_a, difference, out=motion[:, :3])
+    motion[:, 3, 3] = 1.0
+    return motion
 
 
 def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
@@ -164,7 +182,7 @@ def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
     Poses of weight 0 take part in no pair; ``i`` and ``j`` count them nevertheless.
 
     Raises:
-        InputDataError: fewer than three poses have a weight.
+        InputDataError: fewer than two poses have a weight.
     """
     if isinstance(data, MotionPairs):
         return data
@@ -176,24 +194,18 @@ def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
     return MotionPairs(
         i=i,
         j=j,
-        gi_T_gj=_between(data.base_T_gripper, i, j),
-        ci_T_cj=_between(data.world_T_camera, i, j),
+        gi_T_gj=between(data.base_T_gripper, i, j),
+        ci_T_cj=between(data.world_T_camera, i, j),
         weights=weights[i] * weights[j],
     )
 
 
-def with_weight(pairs: MotionPairs) -> MotionPairs:
-    """The motions less those of weight 0."""
-    used = np.flatnonzero(np.asarray(pairs.weights))
-    if len(used) == len(pairs):
-        return pairs
-    return MotionPairs(
-        i=pairs.i[used],
-        j=pairs.j[used],
-        gi_T_gj=pairs.gi_T_gj[used],
-        ci_T_cj=pairs.ci_T_cj[used],
-        weights=np.asarray(pairs.weights)[used],
-    )
+def with_weight(data: Data) -> Data:
+    """The same data less the rows of weight 0."""
+    used = np.flatnonzero(np.asarray(data.weights))
+    if len(used) == len(data):
+        return data
+    return type(data)(**{field.name: getattr(data, field.name)[used] for field in fields(data)})
 
 
 def as_poses(data: PosePairs | MotionPairs) -> PosePairs:
@@ -259,8 +271,8 @@ def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:
 def _require_poses(n: int) -> None:
     if n < MIN_POSES:
         raise InputDataError(
-            f"{n} pose(s) cannot determine the camera on the gripper: at least {MIN_POSES} with two "
-            "different rotation axes are needed, ten or more are advised"
+            f"{n} pose(s) say nothing of the camera on the gripper: at least {MIN_POSES} are needed for "
+            "a part of it, three with two different rotation axes for all, ten or more are advised"
         )
 
 
@@ -287,20 +299,6 @@ def _check_matrices(name: str, matrices: Array) -> None:
             f"{name} {bad} does not hold a rotation: its columns must be orthogonal unit vectors "
             "of a right-handed frame; check the layout of the matrices"
         )
-
-
-def _between(a_T_b: Array, i: Indices, j: Indices) -> Array:
-    """bi_T_bj (k, 4, 4) of poses (n, 4, 4).
-
-    The positions are subtracted before they are turned: far from the origin this rounds least.
-    """
-    bi_R_a = np.swapaxes(a_T_b[i, :3, :3], 1, 2)
-    difference = a_T_b[j, :3]
-    difference[:, :, 3] -= a_T_b[i, :3, 3]
-    motion = np.zeros((len(i), 4, 4))
-    np.matmul(bi_R_a, difference, out=motion[:, :3])
-    motion[:, 3, 3] = 1.0
-    return motion
 
 
 def _chosen_pairs(

@@ -12,20 +12,45 @@ import numpy as np
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose, rotation_angle, scaled
 from handeye_fg.motions import MotionPairs, motion_pairs
+from handeye_fg.solvers.andreff import andreff
 from handeye_fg.solvers.andreff_scale import andreff_scale
+from handeye_fg.solvers.daniilidis import daniilidis
+from handeye_fg.solvers.horaud_dornaika import horaud_dornaika
+from handeye_fg.solvers.li import li
+from handeye_fg.solvers.park_martin import park_martin
+from handeye_fg.solvers.shah import shah
 from handeye_fg.solvers.solution import Solution, Solver
+from handeye_fg.solvers.tsai_lenz import tsai_lenz
 from handeye_fg.types import LinearStart
 
 __all__ = [
     "METHODS",
     "Solution",
+    "andreff",
     "andreff_scale",
     "average_base_T_world",
+    "daniilidis",
+    "horaud_dornaika",
+    "li",
     "linear_start",
     "motion_residuals",
+    "park_martin",
+    "shah",
+    "tsai_lenz",
 ]
 
-METHODS: Mapping[str, Solver] = MappingProxyType({"andreff_scale": andreff_scale})
+METHODS: Mapping[str, Solver] = MappingProxyType(
+    {
+        "andreff_scale": andreff_scale,
+        "andreff": andreff,
+        "daniilidis": daniilidis,
+        "horaud_dornaika": horaud_dornaika,
+        "li": li,
+        "park_martin": park_martin,
+        "shah": shah,
+        "tsai_lenz": tsai_lenz,
+    }
+)
 
 
 def linear_start(

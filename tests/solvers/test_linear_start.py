@@ -27,7 +27,9 @@ def test_unknown_method_is_named_with_the_known_ones() -> None:
 
 
 def test_method_is_recorded() -> None:
-    robot, camera, _ = simulate_poses(np.random.default_rng(0))
+    robot, camera, truth = simulate_poses(np.random.default_rng(0))
+    # Most methods take the camera's translations in metres.
+    camera = scaled(camera, truth.metres_per_world_unit)
     for method in METHODS:
         assert linear_start(robot, camera, method=method).method == method
 

@@ -1,0 +1,86 @@
+"""M3: non-linear least squares in rotation and translation together.
+
+R. Horaud, F. Dornaika, "Hand-eye calibration", International Journal of Robotics Research 14(3),
+1995, its simultaneous solution, started from its closed form. A = gi_T_gj is the robot's motion,
+B = ci_T_cj the camera's, X = gripper_T_camera (the paper exchanges robot and camera).
+"""
+
+import numpy as np
+
+from handeye_fg.errors import ConvergenceError
+from handeye_fg.frames import Array, exp, orthonormalised
+from handeye_fg.motions import MotionPairs, PosePairs
+from handeye_fg.solvers.metric import (
+    metric_motions,
+    solution,
+    translation,
+    translation_moments,
+    typical_length,
+)
+from handeye_fg.solvers.solution import Solution
+
+# A step (radians, and lengths in units of the typical translation) that changes nothing any more.
+CONVERGED = 1e-11
+# Each step leaves a part of the error that is as small as the noise: a handful is enough.
+MAX_STEPS = 50
+
+
+def horaud_dornaika(data: PosePairs | MotionPairs) -> Solution:
+    """Solve A X = X B by minimising rotation and translation errors at once (method M3).
+
+    The sum over the motions, with v = sin(angle / 2) axis and lengths in units of the typical
+    translation, is
+
+        |v_A - R_X v_B|^2 + |R_X t_B - (R_A - I) t_X - t_A|^2.
+
+    The paper takes unit axes and the data's unit of length, and adds a penalty that keeps the
+    quaternion near unit length. Here axes weigh by sin(angle / 2), since the axis of a small
+    rotation is mostly noise; the result does not depend on the unit; and the steps are taken on the
+    rotation group itself.
+
+    Args:
+        data: robot motions A and camera motions B, both in metres, or poses that they are made of.
+
+    Returns:
+        X = gripper_T_camera.
+
+    Raises:
+        UnobservableError: fewer than two motions, no rotation, or all rotations about one axis.
+        InputDataError: the rotations of robot and camera do not correspond.
+        ConvergenceError: the minimisation did not settle.
+    """
+    motions = metric_motions(data)
+    length, weights = typical_length(motions), motions.weights
+    v_A, v_B = motions.q_A[:, 1:], motions.q_B[:, 1:]
+    # The closed form: the quaternion of the largest eigenvalue of sum Q(v_A)^T W(v_B) is that of
+    # the rotation nearest to sum v_A v_B^T.
+    R = orthonormalised((v_A.T * weights) @ v_B)
+    t = translation(motions, R) / length
+    # Both errors are linear in R and t: the sum over the motions is condensed once.
+    none = np.zeros((len(weights), 3, 3))
+    moments = translation_moments(v_B, none, v_A, weights) + translation_moments(
+        motions.t_B / length, motions.R_A - np.eye(3), motions.t_A / length, weights
+    )
+    for _ in range(MAX_STEPS):
+        step = _gauss_newton_step(moments, R, t)
+        R, t = R @ exp(np.concatenate([step[:3], np.zeros(3)]))[:3, :3], t + step[3:]
+        if np.linalg.norm(step) < CONVERGED:
+            return solution(motions, R, length * t)
+    raise ConvergenceError(
+        f"horaud_dornaika did not settle within {MAX_STEPS} steps: robot and camera poses "
+        "contradict each other; check the pose format and the unit of the camera's translations"
+    )
+
+
+def _gauss_newton_step(moments: Array, R: Array, t: Array) -> Array:
+    """The step (6,) of (rotation vector on the right of R, t) towards the minimum."""
+    hessian, gradient = np.zeros((6, 6)), np.zeros(6)
+    for r, G in zip(R, moments, strict=True):
+        z = np.concatenate([r, -t, [-1.0]])
+        # R Exp(omega) changes the row r by r x omega.
+        J = np.zeros((7, 6))
+        J[:3, :3] = [[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]]
+        J[3:6, 3:] = -np.eye(3)
+        hessian += J.T @ G @ J
+        gradient += J.T @ (G @ z)
+    return np.asarray(-np.linalg.solve(hessian, gradient))
