@@ -3,6 +3,7 @@
 The first paragraph under each field is its help text on the command line.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -59,6 +60,39 @@ class GraphOptions:
             raise ValueError(
                 f"graph.max_iterations is {self.max_iterations}, but must be 1 or more"
             )
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Something known of X beforehand, with its standard deviation.
+
+    Attributes:
+        kind: "translation-along": the camera's position along an axis.
+        axis: unit vector in the parent frame of X (gripper, or base for eye-to-hand); normalised here.
+        value: the position along the axis, metres.
+        std: its standard deviation, metres.
+    """
+
+    kind: Literal["translation-along"]
+    axis: tuple[float, ...]
+    value: float
+    std: float
+
+    def __post_init__(self) -> None:
+        if self.kind != "translation-along":
+            raise ValueError(f"the prior's kind is {self.kind!r}, but must be translation-along")
+        length = math.hypot(*self.axis)
+        if len(self.axis) != 3 or not 0.0 < length < math.inf:
+            raise ValueError(
+                f"the prior's axis is {self.axis}, but must be three numbers that are not all zero"
+            )
+        if not math.isfinite(self.value):
+            raise ValueError(f"the prior's value is {self.value}, but must be a number of metres")
+        if not 0.0 < self.std < math.inf:
+            raise ValueError(
+                f"the prior's standard deviation is {self.std}, but must be a positive number of metres"
+            )
+        object.__setattr__(self, "axis", tuple(float(x) / length for x in self.axis))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -48,6 +48,11 @@ NORMAL_MEDIAN = 0.6745
 # Rotations of robot and camera that differ by more than this (median, radians) at the best R_X
 # are not those of one rigid body. The median: a few exchanged rows are another fault.
 NO_FIT = math.radians(10.0)
+NEGATIVE_SCALE = (
+    "the scale came out negative, which no camera can have: the robot poses follow another "
+    "convention (inverted, transposed, wrong units, or rows shifted against the images); "
+    "check the pose format and that each image has its own pose"
+)
 # Least over greatest extent of the translations above which they tell a rotation from a reflection.
 SOLID = 0.1
 
@@ -76,9 +81,9 @@ def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
             f"{len(pairs)} motion(s) cannot determine the camera on the gripper: "
             "two with different rotation axes are needed, ten or more poses are advised"
         )
-    _require_camera_motion(pairs)
+    require_motion(pairs)
     spread = axis_spread(pairs)
-    noise = SIGNIFICANT * _rotation_noise(pairs)
+    noise = SIGNIFICANT * rotation_noise(pairs)
     if spread.rms_rotation[0] < max(NO_ROTATION, noise):
         R_X = _rotation_from_translations(pairs)
         found = np.zeros((3, 0))
@@ -89,7 +94,7 @@ def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
         found = np.eye(3)
         R_X = min(
             rotations_from_kronecker(pairs, max(NO_ROTATION, noise)),
-            key=lambda R: _translation_equations(pairs, R, found)[2],
+            key=lambda R: translation_equations(pairs, R, found)[2],
         )
     t_X, metres_per_world_unit = _translation_and_scale(pairs, R_X, found)
     X = np.eye(4)
@@ -157,7 +162,7 @@ def _projected(vector: Array) -> Array:
     return orthonormalised(np.copysign(1.0, np.linalg.det(V)) * V)
 
 
-def _require_camera_motion(pairs: MotionPairs) -> None:
+def require_motion(pairs: MotionPairs) -> None:
     """Refuse robot or camera poses that are all the same."""
     for name, motions in (("robot", pairs.gi_T_gj), ("camera", pairs.ci_T_cj)):
         if np.allclose(motions, np.eye(4), rtol=0.0, atol=1e-12):
@@ -167,7 +172,7 @@ def _require_camera_motion(pairs: MotionPairs) -> None:
             )
 
 
-def _rotation_noise(pairs: MotionPairs) -> float:
+def rotation_noise(pairs: MotionPairs) -> float:
     """Standard deviation (radians) of the rotations' disagreement along their axes.
 
     A and B turn by the same angle whatever X is; the median bears a few exchanged rows.
@@ -194,7 +199,7 @@ def _rotation_from_translations(pairs: MotionPairs) -> Array:
             "about two different axes"
         )
     if np.linalg.det(correlation) < 0.0 and singular[2] > SOLID**2 * singular[0]:
-        raise InputDataError(_negative_scale())
+        raise InputDataError(NEGATIVE_SCALE)
     return orthonormalised(correlation)
 
 
@@ -220,7 +225,7 @@ def _rotation_about_one_axis(pairs: MotionPairs, spread: AxisSpread) -> Array:
     )
     # The two components across the axis.
     across = np.einsum("xp,kxc->kpc", plane, columns).reshape(-1, 4)
-    solution, covariance, _ = _least_squares(across, -(t_A @ plane).reshape(-1), pairs)
+    solution, covariance, _ = least_squares(across, -(t_A @ plane).reshape(-1), pairs)
     ab = solution[2:]
     if not np.linalg.norm(ab) > SIGNIFICANT * math.sqrt(np.trace(covariance[2:, 2:])):
         raise UnobservableError(
@@ -282,7 +287,7 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
         InputDataError: the scale is negative.
         UnobservableError: the scale cannot be told from zero.
     """
-    solution, covariance, _ = _translation_equations(pairs, R_X, found)
+    solution, covariance, _ = translation_equations(pairs, R_X, found)
     scale, sigma = float(solution[-1]), math.sqrt(covariance[-1, -1])
     if not abs(scale) > SIGNIFICANT * sigma:
         R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
@@ -298,34 +303,30 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
             "too little against the noise. Add poses that move it by a tenth of a metre or more"
         )
     if scale < 0.0:
-        raise InputDataError(_negative_scale())
+        raise InputDataError(NEGATIVE_SCALE)
     return found @ solution[:-1], scale
 
 
-def _translation_equations(
-    pairs: MotionPairs, R_X: Array, found: Array
+def translation_equations(
+    pairs: MotionPairs, R_X: Array, found: Array, typical_noise: float = 0.0
 ) -> tuple[Array, Array, float]:
-    """Least squares for (components of t_X along ``found``, lambda): see ``_least_squares``."""
+    """Least squares for (components of t_X along ``found``, lambda): see ``least_squares``."""
     R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
     v = pairs.ci_T_cj[:, :3, 3] @ R_X.T
     turned = ((R_A - np.eye(3)).reshape(-1, 3) @ found).reshape(len(pairs), 3, -1)
     columns = np.concatenate([turned, -v[:, :, None]], axis=2)
-    return _least_squares(columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs)
+    matrix = columns.reshape(-1, columns.shape[2])
+    return least_squares(matrix, -t_A.reshape(-1), pairs, typical_noise)
 
 
-def _negative_scale() -> str:
-    return (
-        "the scale came out negative, which no camera can have: the robot poses follow another "
-        "convention (inverted, transposed, wrong units, or rows shifted against the images); "
-        "check the pose format and that each image has its own pose"
-    )
-
-
-def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Array, Array, float]:
+def least_squares(
+    matrix: Array, right: Array, pairs: MotionPairs, typical_noise: float = 0.0
+) -> tuple[Array, Array, float]:
     """Minimum-norm solution (d,), covariance (d, d; infinite where free), weighted sum of squares.
 
     Pairs that share poses repeat the same noise: n poses hold n - 1 independent motions, and the
-    covariance is enlarged accordingly.
+    covariance is enlarged accordingly. ``typical_noise``, in the unit of ``right``, counts as the
+    tenth of an observation: equations as few as the unknowns leave nothing to see the noise by.
     """
     root = np.repeat(np.sqrt(np.asarray(pairs.weights)), len(right) // len(pairs))
     # The triangle of the QR factors stands for the tall system: same solutions, same residuals.
@@ -341,7 +342,9 @@ def _least_squares(matrix: Array, right: Array, pairs: MotionPairs) -> tuple[Arr
     solution = (vt.T * weights) @ (u.T @ right)
     squares = float(np.sum((matrix / norms @ solution - right) ** 2))
     repetition = max(1.0, len(pairs) / (pairs.n_poses - 1))
-    variance = repetition * squares / max(1, n_equations - d)
+    redundancy = max(0, n_equations - d)
+    variance = repetition * squares / max(1, redundancy)
+    variance += 0.1 * typical_noise**2 / (0.1 + redundancy)
     covariance = (vt.T * (variance * weights**2)) @ vt
     touched = np.any(np.abs(vt[free]) > math.sqrt(RANK_TOLERANCE), axis=0)
     covariance[touched, touched] = np.inf

@@ -1,0 +1,287 @@
+"""Least squares over absolute poses: X and the scale, the noise, and the covariance; entry ``settle``.
+
+Each instant gives ``Log(base_T_gripper^-1 Z scaled(world_T_camera) X^-1)``. Turned into the base frame,
+with R_i and t_i the gripper's orientation and position, a = R_X xi_r and b = R_X xi_t for the tangent
+xi of X, zeta the left tangent of Z, c_i the camera's position against Z's, and l = ln scale, its rows
+change by
+
+    rotation      zeta_r - R_i a
+    translation   zeta_t - t_i x zeta_r - R_i (t_X x a + b) + c_i l
+
+Noise in R_i and t_i makes motions look richer than they are: rotations about one axis seem to turn
+about a second one, a gripper at rest seems to move. What it adds to the information on average is known
+and is taken off (as for errors in variables), so that directions that only noise supports come out
+free. Where the motion determines something, that part is negligible.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handeye_fg import frames
+from handeye_fg.frames import Array
+from handeye_fg.observability import LIMITS, free_basis
+from handeye_fg.options import Prior
+from handeye_fg.solvers.groups import PoseGroups
+
+# A tenth of an observation of each sigma: a single motion has nothing to estimate them from, and
+# without noise they would vanish. Usual for an industrial arm; radians and metres.
+_PRIOR_WEIGHT = 0.1
+_PRIOR_SIGMAS = np.array([np.deg2rad(0.02), 1e-4])
+# Finer than any arm; keeps the information matrix within what float64 can tell from zero.
+_FINEST = 1e-6
+# So wide (radians, metres, ln scale) that it changes nothing that is determined.
+_WIDE = np.array([3.0] * 3 + [10.0] * 3 + [10.0])
+# The information that noise feigns may exceed its mean by so many of its standard deviations.
+_FEIGNED_SIGMAS = 3.0
+_MAX_STEPS = 60
+_SETTLED_STEP = 1e-13  # in units of the limits
+_SETTLED_LEVEL = 1e-3  # relative; the levels' own uncertainty is larger
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """Values of the unknowns, and how well they are known.
+
+    Attributes:
+        gripper_T_camera: X (4, 4), metres.
+        log_scale: ln(metres_per_world_unit).
+        base_T_world: Z (g, 4, 4) of each group, metres.
+        sigmas: noise (2,) of a pose, radians and metres.
+        covariance: (7, 7) of (X, ln scale), with a wide prior.
+    """
+
+    gripper_T_camera: Array
+    log_scale: float
+    base_T_world: Array
+    sigmas: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows:
+    """Residuals (n, 6) and their derivatives by (X, ln scale) (n, 6, 7) and by Z (n, 6, 6)."""
+
+    residual: Array
+    by_x: Array
+    by_z: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Reduced:
+    """The rows with Z eliminated.
+
+    Attributes:
+        residual, by_x: what Z cannot explain: (n, 6), (n, 6, 7).
+        z_residual, z_by_x: the step of Z is ``-(z_residual + z_by_x u)``: (g, 6), (g, 6, 7).
+        z_leverage: what Z uses up (2,) of the rotation and the translation rows.
+        weights: (n, 6).
+    """
+
+    residual: Array
+    by_x: Array
+    z_residual: Array
+    z_by_x: Array
+    z_leverage: Array
+    weights: Array
+
+
+def settle(
+    poses: PoseGroups,
+    gripper_T_camera: Array,
+    metres_per_world_unit: float,
+    *,
+    scale_known: bool,
+    priors: Sequence[Prior],
+    move: bool,
+) -> State:
+    """Find the noise and the covariance and, with ``move``, the optimum of X and the scale.
+
+    X and the scale move in the determined directions only: along the others they stay.
+
+    Args:
+        poses: the data.
+        gripper_T_camera: X (4, 4) to start from, metres.
+        metres_per_world_unit: the scale to start from.
+        scale_known: whether the scale is a constant.
+        priors: what else is known of X.
+        move: whether X and the scale may move.
+    """
+    state = State(
+        gripper_T_camera=gripper_T_camera,
+        log_scale=float(np.log(metres_per_world_unit)),
+        base_T_world=_mean_z(poses, gripper_T_camera, metres_per_world_unit),
+        sigmas=_PRIOR_SIGMAS,
+        covariance=np.diag(_WIDE**2),
+    )
+    dims = 6 if scale_known else 7
+    for _ in range(_MAX_STEPS):
+        reduced = _reduced(poses, _linearised(poses, state), state.sigmas)
+        covariance = _covariance(poses, reduced, state, priors, dims)
+        sigmas = _levels(poses, reduced, covariance)
+        step = _step(reduced, covariance, state, priors, dims) if move else np.zeros(7)
+        change = float(np.max(np.abs(np.log(sigmas / state.sigmas))))
+        state = _moved(state, step, reduced, sigmas, covariance)
+        if np.max(np.abs(step) / LIMITS) < _SETTLED_STEP and change < _SETTLED_LEVEL:
+            break
+    return state
+
+
+def _mean_z(poses: PoseGroups, X: Array, scale: float) -> Array:
+    """Z (g, 4, 4): chordal mean of the rotations, translation through the centroids."""
+    gripper = poses.base_T_gripper @ X
+    camera = frames.scaled(poses.world_T_camera, scale)
+    w = poses.weights[:, None]
+    products = gripper[:, :3, :3] @ np.swapaxes(camera[:, :3, :3], 1, 2)
+    rotation = np.array([frames.orthonormalised(R) for R in poses.total(w[:, :, None] * products)])
+    total = poses.total(w)
+    centre_base = poses.total(w * gripper[:, :3, 3]) / total
+    centre_world = poses.total(w * camera[:, :3, 3]) / total
+    return frames.pose(rotation, centre_base - np.einsum("gij,gj->gi", rotation, centre_world))
+
+
+def _linearised(poses: PoseGroups, state: State) -> _Rows:
+    """Residuals and derivatives, in the base frame."""
+    X, G, Z = state.gripper_T_camera, poses.base_T_gripper, state.base_T_world[poses.group]
+    metric = Z @ frames.scaled(poses.world_T_camera, float(np.exp(state.log_scale)))
+    difference = frames.log(frames.inverse(G) @ metric @ frames.inverse(X))
+    R, t = G[:, :3, :3], G[:, :3, 3]
+    residual = np.einsum("nij,nkj->nki", R, difference.reshape(-1, 2, 3)).reshape(-1, 6)
+    n = len(G)
+    by_x = np.zeros((n, 6, 7))
+    by_x[:, :3, :3] = by_x[:, 3:, 3:6] = -R @ X[:3, :3]
+    by_x[:, 3:, :3] = -R @ _cross(X[:3, 3]) @ X[:3, :3]
+    by_x[:, 3:, 6] = metric[:, :3, 3] - Z[:, :3, 3]
+    by_z = np.zeros((n, 6, 6))
+    by_z[:, :3, :3] = by_z[:, 3:, 3:] = np.eye(3)
+    by_z[:, 3:, :3] = -_cross(t)
+    return _Rows(residual=residual, by_x=by_x, by_z=by_z)
+
+
+def _reduced(poses: PoseGroups, rows: _Rows, sigmas: Array) -> _Reduced:
+    """The rows with each group's Z eliminated."""
+    weights = poses.weights[:, None] * np.repeat(sigmas, 3) ** -2.0
+    B = rows.by_z
+    BW = np.swapaxes(B, 1, 2) * weights[:, None, :]
+    inverse = np.linalg.inv(poses.total(BW @ B))
+    z_residual = np.einsum(
+        "gij,gj->gi", inverse, poses.total((BW @ rows.residual[:, :, None])[..., 0])
+    )
+    z_by_x = inverse @ poses.total(BW @ rows.by_x)
+    leverage = np.einsum("nij,njr,nri->nr", inverse[poses.group], BW, B)
+    return _Reduced(
+        residual=rows.residual - np.einsum("nij,nj->ni", B, z_residual[poses.group]),
+        by_x=rows.by_x - B @ z_by_x[poses.group],
+        z_residual=z_residual,
+        z_by_x=z_by_x,
+        z_leverage=leverage.sum(axis=0).reshape(2, 3).sum(axis=1),
+        weights=weights,
+    )
+
+
+def _covariance(
+    poses: PoseGroups, reduced: _Reduced, state: State, priors: Sequence[Prior], dims: int
+) -> Array:
+    """Covariance (7, 7) from the information, less what noise feigns, and the priors."""
+    information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
+    information = (information - _feigned(poses, state)) * np.outer(LIMITS, LIMITS)
+    values, vectors = np.linalg.eigh(information[:dims, :dims])
+    left = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    left += np.diag((LIMITS / _WIDE)[:dims] ** 2.0)
+    for row, sigma, _ in _prior_rows(state, priors):
+        scaled_row = (row * LIMITS / sigma)[:dims]
+        left += np.outer(scaled_row, scaled_row)
+    covariance = np.zeros((7, 7))
+    covariance[:dims, :dims] = np.linalg.inv(left) * np.outer(LIMITS, LIMITS)[:dims, :dims]
+    return 0.5 * (covariance + covariance.T)
+
+
+def _feigned(poses: PoseGroups, state: State) -> Array:
+    """The information (7, 7) on (X, ln scale) that the noise of the poses adds by its own motion.
+
+    With dR_i and dt_i the noise of a pose, and c_i = t_i + R_i t_X, the rows change by -dR_i a and by
+    dR_i (t_X l - t_X x a - b) + dt_i l; E |dR v|^2 = 2 sigma_r^2 |v|^2, E |dt|^2 = 3 sigma_t^2.
+    """
+    rotation, translation = state.sigmas
+    X = state.gripper_T_camera
+    independent = float(len(poses.group) - poses.count)
+    turned = np.zeros((3, 7))
+    turned[:, :3] = X[:3, :3]
+    shifted = np.zeros((3, 7))
+    shifted[:, :3] = -_cross(X[:3, 3]) @ X[:3, :3]
+    shifted[:, 3:6] = -X[:3, :3]
+    shifted[:, 6] = X[:3, 3]
+    mean = 2.0 * turned.T @ turned + 2.0 * (rotation / translation) ** 2 * shifted.T @ shifted
+    mean[6, 6] += 3.0
+    margin = 1.0 + _FEIGNED_SIGMAS * np.sqrt(2.0 / (3.0 * independent))
+    return np.asarray(margin * independent * mean)
+
+
+def _levels(poses: PoseGroups, reduced: _Reduced, covariance: Array) -> Array:
+    """Noise (2,) of a pose: sums of squares over redundancies."""
+    squares = poses.weights[:, None] * reduced.residual**2
+    used = np.einsum("nri,ij,nrj->nr", reduced.by_x, covariance, reduced.by_x) * reduced.weights
+    redundancy = 3.0 * len(squares) - reduced.z_leverage - _by_kind(used)
+    variance = (_by_kind(squares) + _PRIOR_WEIGHT * _PRIOR_SIGMAS**2) / (
+        np.maximum(redundancy, 0.0) + _PRIOR_WEIGHT
+    )
+    return np.maximum(np.sqrt(variance), _FINEST)
+
+
+def _by_kind(values: Array) -> Array:
+    """Sums (2,) of values (n, 6) over the rotation and the translation rows."""
+    return np.asarray(values.sum(axis=0).reshape(2, 3).sum(axis=1))
+
+
+def _step(
+    reduced: _Reduced, covariance: Array, state: State, priors: Sequence[Prior], dims: int
+) -> Array:
+    """The Gauss-Newton step (7,) within the determined directions."""
+    information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
+    gradient = -np.einsum("nri,nr,nr->i", reduced.by_x, reduced.weights, reduced.residual)
+    for row, sigma, misfit in _prior_rows(state, priors):
+        information = information + np.outer(row, row) / sigma**2
+        gradient = gradient + row * misfit / sigma**2
+    free = free_basis(covariance[:dims, :dims])
+    kept = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
+    kept = LIMITS[:dims, None] * kept
+    small = np.linalg.solve(kept.T @ information[:dims, :dims] @ kept, kept.T @ gradient[:dims])
+    step = np.zeros(7)
+    step[:dims] = kept @ small
+    return step
+
+
+def _prior_rows(state: State, priors: Sequence[Prior]) -> list[tuple[Array, float, float]]:
+    """For each prior its derivative (7,) by (X, ln scale), its sigma, and wanted less found."""
+    rows = []
+    for prior in priors:
+        axis = np.asarray(prior.axis)
+        row = np.zeros(7)
+        row[3:6] = axis @ state.gripper_T_camera[:3, :3]
+        rows.append((row, prior.std, prior.value - float(axis @ state.gripper_T_camera[:3, 3])))
+    return rows
+
+
+def _moved(state: State, step: Array, reduced: _Reduced, sigmas: Array, covariance: Array) -> State:
+    """The state after a step of X and the scale, and the step of Z that goes with it."""
+    z_step = -(reduced.z_residual + reduced.z_by_x @ step)
+    rotation = frames.exp(np.concatenate([z_step[:, :3], np.zeros((len(z_step), 3))], axis=1))
+    base_T_world = rotation @ state.base_T_world
+    base_T_world[:, :3, 3] += z_step[:, 3:]
+    X = state.gripper_T_camera @ frames.exp(step[:6])
+    return State(
+        gripper_T_camera=frames.pose(frames.orthonormalised(X[:3, :3]), X[:3, 3]),
+        log_scale=state.log_scale + float(step[6]),
+        base_T_world=base_T_world,
+        sigmas=sigmas,
+        covariance=covariance,
+    )
+
+
+def _cross(vectors: Array) -> Array:
+    """Matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vectors), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
