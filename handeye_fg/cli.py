@@ -43,6 +43,7 @@ handeye-fg --version prints the version. Exit codes: 0 calibrated; 1 failed; 2 w
 or input format; 3 partial: a result was written, but the motion left directions undetermined."""
 _STAGES = {
     "images": "reading images",
+    "target": "finding the target",
     "features": "finding features",
     "pairs": "matching pairs",
     "registered": "registering images",
@@ -67,6 +68,8 @@ class Calibrate:
     """Camera file (YAML of OpenCV or ROS). Without it the intrinsics are estimated."""
     masks: Path | None = None
     """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png): white is used."""
+    target: Path | None = None
+    """Target file (YAML): a board of known size that images show, with or without a scene around it."""
     config: Path | None = None
     """Options as a TOML file, such as the config.toml of an earlier run."""
     output: Path = Path("handeye-fg-out")
@@ -116,6 +119,7 @@ class Calibrate:
                 camera=self.camera,
                 masks=self.masks,
                 options=self.options,
+                target=self.target,
                 output=self.output,
                 progress=view,
             )

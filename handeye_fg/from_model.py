@@ -4,8 +4,9 @@ from handeye_fg import sfm
 from handeye_fg.inputs import PosesSource, read_model_inputs
 from handeye_fg.io.results import Result
 from handeye_fg.options import Options
-from handeye_fg.pipeline import solve_model
+from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
+from handeye_fg.scene import Scene
 
 
 def refine(
@@ -29,4 +30,4 @@ def refine(
     options, clock = options or Options(), Stopwatch()
     inputs, paired = read_model_inputs(sfm.read_model(model), poses, options)
     clock.lap("input")
-    return solve_model(paired, inputs, options, clock, progress)
+    return solve_scene(Scene(model=paired), inputs, options, clock, progress)

@@ -13,12 +13,15 @@ from handeye_fg.frames import Array
 from handeye_fg.io.cameras import read_camera
 from handeye_fg.io.images import check_masks, list_images, pair_names, read_image_set
 from handeye_fg.io.poses import poses_from_mapping, read_poses
+from handeye_fg.io.targets import read_target
 from handeye_fg.options import Options
+from handeye_fg.patterns import Target
 from handeye_fg.progress import Progress
 from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
 
 PosesSource = str | Path | Mapping[str, Array] | RobotPoses
 CameraSource = str | Path | CameraModel | None
+TargetSource = str | Path | Target | None
 
 _FEWEST_IMAGES = 3  # two motions, the least that determine X
 
@@ -34,6 +37,7 @@ class Inputs:
         poses: reported poses of all names; of base_T_gripper, or its inverse for eye-to-hand.
         camera: given intrinsics, or None.
         masks: folder of the masks, or None.
+        target: known target that images show, or None.
         digest: SHA-256 of everything that was read.
     """
 
@@ -44,6 +48,7 @@ class Inputs:
     camera: CameraModel | None
     masks: Path | None
     digest: str
+    target: Target | None = None
 
     def robot_poses(self, names: Sequence[str]) -> Array:
         """Poses (n, 4, 4) of the named images, in that order."""
@@ -58,6 +63,7 @@ def read_inputs(
     masks: str | Path | None,
     options: Options,
     progress: Progress,
+    target: TargetSource = None,
 ) -> Inputs:
     """Read and check all inputs of ``calibrate``.
 
@@ -66,6 +72,7 @@ def read_inputs(
     """
     robot = _robot_poses(poses, options)
     intrinsics = read_camera(Path(camera)) if isinstance(camera, str | Path) else camera
+    pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(list_images(images), robot.names)
     names = pairing.paired
     if len(names) < _FEWEST_IMAGES:
@@ -93,7 +100,8 @@ def read_inputs(
         poses=robot,
         camera=intrinsics,
         masks=mask_folder,
-        digest=_digest(robot, intrinsics, files),
+        digest=_digest(robot, intrinsics, files, pattern),
+        target=pattern,
     )
 
 
@@ -159,14 +167,21 @@ def _only(model: SfmModel, names: Sequence[str]) -> SfmModel:
     )
 
 
-def _digest(robot: RobotPoses, camera: CameraModel | None, files: Sequence[Path]) -> str:
-    """SHA-256 over poses, intrinsics and files; the same for the same content."""
+def _digest(
+    robot: RobotPoses,
+    camera: CameraModel | None,
+    files: Sequence[Path],
+    target: Target | None = None,
+) -> str:
+    """SHA-256 over poses, intrinsics, target and files; the same for the same content."""
     total = hashlib.sha256()
     for name, matrix in sorted(zip(robot.names, robot.base_T_gripper, strict=True)):
         total.update(name.encode() + matrix.tobytes())
     if camera is not None:
         total.update(f"{camera.model} {camera.width} {camera.height}".encode())
         total.update(camera.params.tobytes())
+    if target is not None:
+        total.update(repr(target).encode())
     for path in files:
         total.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()

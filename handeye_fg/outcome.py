@@ -6,11 +6,12 @@ from importlib.metadata import version
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
-from handeye_fg.graph import Refinement, View
+from handeye_fg.graph import Refinement, View, corner_fit
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.config import options_digest
-from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
+from handeye_fg.scene import Scene
 from handeye_fg.types import LinearStart, Setup, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
@@ -39,7 +40,7 @@ def require_agreement(final: Refinement) -> None:
 
 
 def assemble(
-    model: SfmModel,
+    scene: Scene,
     inputs: Inputs,
     linear: LinearStart,
     view: View,
@@ -49,19 +50,19 @@ def assemble(
     """Put the result together.
 
     Args:
-        model: the reconstruction.
+        scene: camera poses and points, before the refinement.
         inputs: the inputs.
         linear: the linear start.
         view: the refinement and its intrinsics.
         options: as used.
         timing_s: seconds by stage.
     """
-    final = view.refinement
+    final, model = view.refinement, scene.model
     free = final.observability.free_directions
     return Result(
         status="partial" if free else "ok",
         setup=options.setup,
-        message=_message(model, inputs, final),
+        message=_message(scene, inputs, view),
         matrix=final.state.gripper_T_camera,
         covariance=final.observability.covariance,
         free_directions=free,
@@ -82,6 +83,7 @@ def assemble(
             n_observations=len(model.tracks.pixels),
             mean_reprojection_px=model.mean_reprojection_px,
         ),
+        target=_target(scene, view),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
@@ -126,12 +128,34 @@ def _images(
     return tuple(sorted(reports, key=lambda report: report.name))
 
 
-def _message(model: SfmModel, inputs: Inputs, final: Refinement) -> str:
+def _target(scene: Scene, view: View) -> TargetSummary | None:
+    """What the target gave."""
+    if scene.board is None or scene.known is None:
+        return None
+    final = view.refinement
+    corners, rms_px = corner_fit(final, len(scene.known.points_world))
+    return TargetSummary(
+        kind=scene.kind,
+        n_images=len(scene.board.names),
+        n_corners=corners,
+        rms_px=rms_px,
+        corner_px=final.noise.corner or rms_px,
+        base_T_target=final.state.base_T_world,
+        note=view.scale_note or "The lengths of the target file were kept.",
+    )
+
+
+def _message(scene: Scene, inputs: Inputs, view: View) -> str:
     """What came out, in one or two sentences."""
+    model, final = scene.model, view.refinement
     n, total = len(model.names), len(inputs.names)
     parts = [f"Calibrated from {n} of {total} images."]
     if inputs.left_out:
         parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
+    if scene.board is not None:
+        parts.append(f"The target was found in {len(scene.board.names)} of them.")
+    if view.scale_note:
+        parts.append(view.scale_note)
     bad = [name for name, outlier in zip(model.names, final.outliers, strict=True) if outlier]
     if bad:
         parts.append(

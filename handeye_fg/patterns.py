@@ -16,6 +16,8 @@ from scipy.spatial import KDTree
 from handeye_fg.frames import Array
 from handeye_fg.types import Indices, frozen_array, frozen_indices
 
+TargetKind = Literal["charuco", "chessboard", "circles", "acircles", "apriltag_grid"]
+
 # Where a symmetric pattern is laid upon itself, corners meet to rounding; others miss by a spacing.
 _COINCIDENT = 1e-6
 
@@ -161,13 +163,14 @@ def renumberings(pattern: Pattern) -> tuple[Indices, Indices]:
         return identity, identity[:0]
     centred = corners - (corners.min(axis=0) + corners.max(axis=0)) / 2.0
     tree = KDTree(centred)
-    turned, mirrored = [], []
+    turned: list[Indices] = []
+    mirrored: list[Indices] = []
     for quarter in range(4):
         turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), quarter)
         for flip, found in ((np.eye(2), turned), (np.diag([-1.0, 1.0]), mirrored)):
             distance, number = tree.query(centred @ (turn @ flip).T)
-            if distance.max() < _COINCIDENT:
-                found.append(number)
+            if np.max(distance) < _COINCIDENT:
+                found.append(np.asarray(number))
     k = len(corners)
     return np.array(turned).reshape(-1, k), np.array(mirrored, np.int64).reshape(-1, k)
 

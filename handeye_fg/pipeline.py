@@ -3,15 +3,14 @@
 import tempfile
 from pathlib import Path
 
-from handeye_fg import sfm
 from handeye_fg.graph import refine_views
-from handeye_fg.inputs import CameraSource, Inputs, PosesSource, read_inputs
+from handeye_fg.inputs import CameraSource, Inputs, PosesSource, TargetSource, read_inputs
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.options import Options
 from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
+from handeye_fg.scene import Scene, find_scene
 from handeye_fg.solvers import linear_start
-from handeye_fg.types import SfmModel
 
 
 def calibrate(
@@ -21,6 +20,7 @@ def calibrate(
     masks: str | Path | None = None,
     options: Options | None = None,
     *,
+    target: TargetSource = None,
     output: str | Path | None = None,
     progress: Progress = silent,
 ) -> Result:
@@ -32,6 +32,7 @@ def calibrate(
         camera: camera file, or intrinsics; None: they are found from the images.
         masks: folder of masks ``NAME.png``, white = use.
         options: None: defaults.
+        target: target file, or a known target that images show; None: no target.
         output: folder in which ``sfm/`` is kept for the next run; None: nothing is kept.
         progress: told of every stage.
 
@@ -40,36 +41,28 @@ def calibrate(
     """
     options, clock = options or Options(), Stopwatch()
     # 1. Read everything, and pair images and poses by name.
-    inputs = read_inputs(Path(images), poses, camera, masks, options, progress)
+    inputs = read_inputs(Path(images), poses, camera, masks, options, progress, target)
     clock.lap("input")
-    # 2. Structure from motion: camera poses and points up to a similarity.
+    # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
     with tempfile.TemporaryDirectory() as scratch:
-        model = sfm.reconstruct(
-            inputs.images,
-            inputs.names,
-            inputs.camera,
-            masks=inputs.masks,
-            folder=Path(output or scratch) / "sfm",
-            options=options.sfm,
-            seed=options.seed,
-            progress=progress,
-        )
+        scene = find_scene(inputs, Path(output or scratch) / "sfm", options, progress)
     clock.lap("sfm")
-    return solve_model(model, inputs, options, clock, progress)
+    return solve_scene(scene, inputs, options, clock, progress)
 
 
-def solve_model(
-    model: SfmModel, inputs: Inputs, options: Options, clock: Stopwatch, progress: Progress
+def solve_scene(
+    scene: Scene, inputs: Inputs, options: Options, clock: Stopwatch, progress: Progress
 ) -> Result:
     """The steps from a reconstruction on."""
+    model, known = scene.model, scene.known
     reported = inputs.robot_poses(model.names)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
     linear = linear_start(reported, model.world_T_camera)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)
-    view = refine_views(model, reported, inputs.camera, linear, options, parent, progress)
+    view = refine_views(model, reported, inputs.camera, linear, options, parent, progress, known)
     require_agreement(view.refinement)
     clock.lap("refinement")
     # 5. X, its covariance, and what is to be known of every image.
-    return assemble(model, inputs, linear, view, options, clock.timing_s)
+    return assemble(scene, inputs, linear, view, options, clock.timing_s)

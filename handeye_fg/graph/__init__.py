@@ -5,7 +5,16 @@ have a prior.
 """
 
 from handeye_fg.graph.cameras import View, refine_views
-from handeye_fg.graph.refine import IntrinsicsPrior, refine, start_state
-from handeye_fg.graph.summary import Refinement
+from handeye_fg.graph.problem import IntrinsicsPrior
+from handeye_fg.graph.refine import refine, start_state
+from handeye_fg.graph.summary import Refinement, corner_fit
 
-__all__ = ["IntrinsicsPrior", "Refinement", "View", "refine", "refine_views", "start_state"]
+__all__ = [
+    "IntrinsicsPrior",
+    "Refinement",
+    "View",
+    "corner_fit",
+    "refine",
+    "refine_views",
+    "start_state",
+]

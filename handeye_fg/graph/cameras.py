@@ -12,13 +12,14 @@ from scipy import stats
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.graph.refine import IntrinsicsPrior, intrinsics_pull, refine, start_state
-from handeye_fg.graph.summary import Refinement
+from handeye_fg.graph.problem import IntrinsicsPrior
+from handeye_fg.graph.refine import intrinsics_pull, refine, start_state
+from handeye_fg.graph.summary import Refinement, scale_agrees
 from handeye_fg.graph.variables import State
 from handeye_fg.intrinsics import covers_image, fitted_opencv, pinhole_view
 from handeye_fg.options import Intrinsics, Options
 from handeye_fg.progress import Progress
-from handeye_fg.types import CameraModel, LinearStart, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel
 
 _EXACT = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _PERSPECTIVE = (*_EXACT, "FULL_OPENCV")
@@ -35,6 +36,8 @@ _FREE_RADIAL, _FREE_TANGENTIAL = 1.0, 0.05
 # not quite independent, which makes the statistic two to three times as large as chi-square has it.
 _CONTRADICTION = 1e-6
 _OVERDISPERSION = 3.0
+# A standard deviation of the logarithm of the scale that leaves it to the robot.
+_FREE_LOG_SCALE = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +50,7 @@ class View:
         refined: whether they were unknowns.
         std: standard deviations (k,) of ``camera.params``, zeros where kept.
         note: what was done and why, in words.
+        scale_note: in words, if the size of a known target was not kept; "" otherwise.
     """
 
     refinement: Refinement
@@ -54,6 +58,7 @@ class View:
     refined: bool
     std: Array
     note: str
+    scale_note: str = ""
 
 
 def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
@@ -80,6 +85,7 @@ class _Call:
     options: Options
     progress: Progress
     frame: str
+    known: KnownPoints | None
 
     def refine(
         self,
@@ -100,6 +106,7 @@ class _Call:
             options=self.options.graph,
             progress=self.progress,
             frame=self.frame,
+            known=self.known,
         )
 
 
@@ -155,8 +162,12 @@ def refine_views(
     options: Options,
     frame: str,
     progress: Progress,
+    known: KnownPoints | None = None,
 ) -> View:
     """Refine with the intrinsics kept or refined, as the options and the images ask for.
+
+    Where the robot contradicts the size of a known target, the robot's measure counts: a print that
+    came out at another size, or a length mistyped, is commoner than an arm of the wrong size.
 
     Args:
         model: the SfM model; where no camera is given, its intrinsics are the start.
@@ -166,16 +177,41 @@ def refine_views(
         options: of the calibration.
         frame: parent frame of X.
         progress: told the number of iterations.
+        known: positions of the model's first points, the corners of a target; None: there are none.
 
     Raises:
         InputDataError: the options ask to refine a camera model that cannot be refined.
         ReconstructionError, ConvergenceError: as ``refine``.
     """
-    call = _Call(options=options, progress=progress, frame=frame)
+    call = _Call(options=options, progress=progress, frame=frame, known=known)
+    view = _with_intrinsics(model, base_T_gripper, camera, linear, call)
+    if known is None or scale_agrees(view.refinement, known):
+        return view
+    call = replace(call, known=replace(known, log_scale_sigma=_FREE_LOG_SCALE))
+    view = _with_intrinsics(model, base_T_gripper, camera, linear, call)
+    ratio = float(np.exp(view.refinement.state.log_scale))
+    return replace(
+        view,
+        scale_note=(
+            f"By the robot's measure the target is {ratio:.4f} ± "
+            f"{ratio * view.refinement.log_scale_std:.4f} times as large as its file says; the robot's "
+            "measure was used; check the lengths in the target file."
+        ),
+    )
+
+
+def _with_intrinsics(
+    model: SfmModel,
+    base_T_gripper: Array,
+    camera: CameraModel | None,
+    linear: LinearStart,
+    call: _Call,
+) -> View:
+    """Refine with the intrinsics kept or refined."""
     if camera is None:
         note = "No camera file was given: the intrinsics were found from the images."
         return _refined(model, base_T_gripper, model.camera, linear, call, note=note, free=True)
-    wish = _possible(camera, options.graph.intrinsics)
+    wish = _possible(camera, call.options.graph.intrinsics)
     if wish in ("prior", "free"):
         note = f"The camera file's intrinsics were refined ({wish})."
         return _refined(model, base_T_gripper, camera, linear, call, note=note, free=wish == "free")
@@ -183,7 +219,9 @@ def refine_views(
         reason = "The camera file's distortion folds the image over before its corners"
     else:
         kept = _kept(model, base_T_gripper, camera, linear, call)
-        contradiction = None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept)
+        contradiction = (
+            None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept, call.known)
+        )
         if contradiction is None:
             return View(
                 refinement=kept,
@@ -219,11 +257,13 @@ def _possible(camera: CameraModel, wish: Intrinsics) -> Intrinsics:
     return wish
 
 
-def _contradiction(base_T_gripper: Array, camera: CameraModel, kept: Refinement) -> str | None:
+def _contradiction(
+    base_T_gripper: Array, camera: CameraModel, kept: Refinement, known: KnownPoints | None
+) -> str | None:
     """In words how the images contradict kept intrinsics, or None if they do not."""
     centre = kept.state.opencv_params
     prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
-    pull = intrinsics_pull(base_T_gripper, kept, prior)
+    pull = intrinsics_pull(base_T_gripper, kept, prior, known)
     if pull <= _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
         return None
     return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"

@@ -19,7 +19,7 @@ from handeye_fg.graph.variables import (
     camera_key,
     point_key,
 )
-from handeye_fg.types import Tracks
+from handeye_fg.types import Indices, KnownPoints, Tracks
 
 Gauge = Literal["base", "first camera"]
 
@@ -34,27 +34,33 @@ def pose_sigmas(rotation: float, translation: float) -> Array:
 
 
 def reprojection_graph(
-    tracks: Tracks, sigmas: Array, opencv_params: Array, *, with_intrinsics: bool
+    tracks: Tracks,
+    sigmas: Array,
+    opencv_params: Array,
+    *,
+    with_intrinsics: bool,
+    rows: Indices | slice = slice(None),
 ) -> gtsam.NonlinearFactorGraph:
     """Observations of points: predicted minus observed pixel.
 
     Args:
-        tracks: observations; all of them are used.
+        tracks: observations.
         sigmas: standard deviation (m,) of each observation, pixels.
         opencv_params: intrinsics (8,) where they are fixed.
         with_intrinsics: whether the intrinsics are unknowns.
+        rows: which of the observations are used; all by default.
     """
     graph = gtsam.NonlinearFactorGraph()
-    models = {s: gtsam.noiseModel.Isotropic.Sigma(2, float(s)) for s in np.unique(sigmas)}
-    rows = zip(
-        tracks.image_index.tolist(),
-        tracks.point_index.tolist(),
-        tracks.pixels,
-        sigmas.tolist(),
+    models = {s: gtsam.noiseModel.Isotropic.Sigma(2, float(s)) for s in np.unique(sigmas[rows])}
+    observations = zip(
+        tracks.image_index[rows].tolist(),
+        tracks.point_index[rows].tolist(),
+        tracks.pixels[rows],
+        sigmas[rows].tolist(),
         strict=True,
     )
     if with_intrinsics:
-        for i, j, pixel, sigma in rows:
+        for i, j, pixel, sigma in observations:
             graph.push_back(
                 gtsam.GeneralSFMFactor2Cal3DS2(
                     pixel, models[sigma], camera_key(i), point_key(j), INTRINSICS
@@ -62,7 +68,7 @@ def reprojection_graph(
             )
         return graph
     fixed = calibration(opencv_params)
-    for i, j, pixel, sigma in rows:
+    for i, j, pixel, sigma in observations:
         graph.push_back(
             gtsam.GenericProjectionFactorCal3DS2(
                 pixel, models[sigma], camera_key(i), point_key(j), fixed
@@ -117,6 +123,22 @@ def gauge_graph(state: State, gauge: Gauge) -> gtsam.NonlinearFactorGraph:
     else:
         model = gtsam.noiseModel.Diagonal.Sigmas(pose_sigmas(1.0, extent))
         graph.addPriorPose3(camera_key(0), gtsam.Pose3(state.world_T_camera[0]), model)
+    return graph
+
+
+def known_points_graph(known: KnownPoints, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+    """Known points, and the scale that they give; they fix the world, no other gauge is needed.
+
+    Args:
+        known: positions and how sure they are.
+        unit: factor of all standard deviations.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    scale = gtsam.noiseModel.Isotropic.Sigma(1, unit * known.log_scale_sigma)
+    graph.addPriorDouble(LOG_SCALE, 0.0, scale)
+    model = gtsam.noiseModel.Isotropic.Sigma(3, unit * known.sigma)
+    for j, point in enumerate(known.points_world):
+        graph.push_back(gtsam.PriorFactorPoint3(point_key(j), point, model))
     return graph
 
 

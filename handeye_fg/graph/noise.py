@@ -13,7 +13,7 @@ from scipy import linalg
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
-from handeye_fg.graph.reduced import Linearised, predicted_covariance, scatter
+from handeye_fg.graph.reduced import Linearised, Quadratic, predicted_covariance, scatter
 from handeye_fg.options import NoiseOptions
 from handeye_fg.types import NoiseLevels
 
@@ -34,16 +34,16 @@ class Solution:
 
     Attributes:
         noise: the levels.
-        redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
-        squares: weightless sums of squared residuals of the same three groups after the step.
+        redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
+        squares: weightless sums of squared residuals of the same four groups after the step.
         step: of the shared unknowns (d,), towards the minimum.
         covariance: of the shared unknowns (d, d).
         robot_covariance: covariance (n, 6, 6) of the robot residuals after the fit.
     """
 
     noise: NoiseLevels
-    redundancy: tuple[float, float, float]
-    squares: tuple[float, float, float]
+    redundancy: tuple[float, float, float, float]
+    squares: tuple[float, float, float, float]
     step: Array
     covariance: Array
     robot_covariance: Array
@@ -84,34 +84,38 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     Raises:
         ConvergenceError: the information matrix is not positive definite.
     """
-    images, robot, prior = problem.reprojections, problem.robot, problem.prior
-    unit = noise.pixel / problem.pixel_unit_px
+    images, corners = problem.reprojections, problem.corners
+    robot, prior = problem.robot, problem.prior
+    unit, corner = noise.pixel / problem.pixel_unit_px, _corner(noise)
     weights = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** -2.0
     robot_hessian, robot_gradient = scatter(robot, weights, problem.layout.dim)
-    covariance = _inverse(images.hessian / unit**2 + robot_hessian + prior.hessian)
-    step = covariance @ (images.gradient / unit**2 + robot_gradient + prior.gradient)
+    seen = images.hessian / unit**2 + corners.hessian / corner**2
+    covariance = _inverse(seen + robot_hessian + prior.hessian)
+    seen_gradient = images.gradient / unit**2 + corners.gradient / corner**2
+    step = covariance @ (seen_gradient + robot_gradient + prior.gradient)
 
     predicted = predicted_covariance(robot, covariance)
     leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
     rotation_used, translation_used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
-    prior_used = float(np.sum(prior.hessian * covariance))
-    pixel_used = problem.layout.dim - rotation_used - translation_used - prior_used
+    pixel_used = np.sum(images.hessian * covariance) / unit**2
+    corner_used = np.sum(corners.hessian * covariance) / corner**2
     rows = 3 * len(robot.residual)
 
     moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
     rotation_squares, translation_squares = np.sum(moved**2, axis=0).reshape(2, 3).sum(axis=1)
-    pixel_squares = images.constant - 2 * images.gradient @ step + step @ images.hessian @ step
     return Solution(
         noise=noise,
         redundancy=(
             float(problem.pixel_redundancy - pixel_used),
             float(rows - rotation_used),
             float(rows - translation_used),
+            float(problem.corner_rows - corner_used),
         ),
         squares=(
-            problem.pixel_unit_px**2 * max(float(pixel_squares), 0.0),  # not below by rounding
+            problem.pixel_unit_px**2 * _squares(images, step),
             float(rotation_squares),
             float(translation_squares),
+            _squares(corners, step),
         ),
         step=step,
         covariance=covariance,
@@ -119,24 +123,39 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     )
 
 
+def _corner(noise: NoiseLevels) -> float:
+    """The sigma of corners; any where there are none."""
+    return 1.0 if noise.corner is None else noise.corner
+
+
+def _squares(measurements: Quadratic, step: Array) -> float:
+    """Sum of squares after a step; not below zero by rounding."""
+    moved = step @ measurements.hessian @ step - 2 * measurements.gradient @ step
+    return max(float(measurements.constant + moved), 0.0)
+
+
 def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
     """Levels that agree with the residuals; the user's where the user gave them."""
-    pixel, rotation, translation = (
+    pixel, rotation, translation, corner = (
         float(np.sqrt((squares + weight * prior**2) / max(redundancy + weight, 1e-3)))
         for squares, redundancy, weight, prior in zip(
             solution.squares,
             solution.redundancy,
-            (0.0, _PRIOR_WEIGHT, _PRIOR_WEIGHT),
-            (0.0, _PRIOR_ROTATION, _PRIOR_TRANSLATION),
+            (0.0, _PRIOR_WEIGHT, _PRIOR_WEIGHT, 0.0),
+            (0.0, _PRIOR_ROTATION, _PRIOR_TRANSLATION, 0.0),
             strict=True,
         )
     )
     known = _known(options)
+    corner = max(corner, _FINEST_PIXEL) if known[0] is None else known[0]
+    if solution.redundancy[0] == 0.0:  # nothing but corners was observed
+        pixel = corner
     return NoiseLevels(
         pixel=max(pixel, _FINEST_PIXEL) if known[0] is None else known[0],
         robot_rotation=rotation if known[1] is None else known[1],
         robot_translation=translation if known[2] is None else known[2],
         estimated=None in known,
+        corner=None if solution.noise.corner is None else corner,
     )
 
 
@@ -146,6 +165,7 @@ def relative_change(before: NoiseLevels, after: NoiseLevels) -> float:
         (before.pixel, after.pixel),
         (before.robot_rotation, after.robot_rotation),
         (before.robot_translation, after.robot_translation),
+        (_corner(before), _corner(after)),
     )
     return max(abs(float(np.log(a / b))) for a, b in pairs)
 
@@ -190,6 +210,7 @@ def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
         weights = np.zeros(6)
         weights[3 * part : 3 * part + 3] = sigma**-2.0
         contributions.append(scatter(problem.robot, weights, problem.layout.dim)[0])
+    contributions.append(problem.corners.hessian / _corner(noise) ** 2)
     x_information = _inverse(solution.covariance[np.ix_(columns, columns)])
     shares = [float(np.sum(x_information * (to_x @ part @ to_x.T))) / 6 for part in contributions]
     uncertainty = sum(

@@ -86,7 +86,7 @@ def _improbable(linearised: Linearised, without: Solution, pose: int, level: flo
     """
     residual = _residuals(linearised, without)[pose]
     covariance = _for_all(linearised, without).robot_covariance[pose]
-    for part, redundancy in zip((slice(0, 3), slice(3, 6)), without.redundancy[1:], strict=True):
+    for part, redundancy in zip((slice(0, 3), slice(3, 6)), without.redundancy[1:3], strict=True):
         square = _squares(residual[None, part], covariance[None, part, part])[0] / 3.0
         if without.noise.estimated:
             limit = stats.f.isf(level / 2.0, 3, max(redundancy, 1.0))

@@ -1,7 +1,7 @@
 """The linearised problem with the points eliminated: small, dense, and all that statistics need.
 
-The shared unknowns are the camera poses, X, Z, the logarithm of the scale and, where refined, the
-intrinsics. Image observations enter as one quadratic form (their points eliminated by GTSAM), robot
+The shared unknowns are the camera poses, X, Z, the logarithm of the scale, where refined the
+intrinsics, and the known points, whose prior makes them different from the others. Image observations enter as one quadratic form (their points eliminated by GTSAM), robot
 poses as Jacobian rows, so that covariances for other noise levels need no new elimination.
 """
 
@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.variables import (
-    BASE_T_WORLD,
     CALIBRATION_DIM,
     GRIPPER_T_CAMERA,
-    INTRINSICS,
-    LOG_SCALE,
     point_key,
     shared_keys,
 )
@@ -30,21 +27,28 @@ class Layout:
 
     n_cameras: int
     with_intrinsics: bool
+    n_known: int = 0
 
     @property
     def dim(self) -> int:
         """Length of the vector."""
+        return self._first_point + 3 * self.n_known
+
+    @property
+    def _first_point(self) -> int:
         return 6 * self.n_cameras + 13 + (CALIBRATION_DIM if self.with_intrinsics else 0)
 
     def columns(self, key: int) -> NDArray[np.int64]:
         """Indices of an unknown's tangent, in GTSAM's order."""
-        start, size = {
-            GRIPPER_T_CAMERA: (0, 6),
-            BASE_T_WORLD: (6, 6),
-            LOG_SCALE: (12, 1),
-            INTRINSICS: (13, CALIBRATION_DIM),
-        }.get(key, (None, 6))
-        first = 6 * (gtsam.symbolIndex(key) if start is None else self.n_cameras) + (start or 0)
+        index, after_cameras = gtsam.symbolIndex(key), 6 * self.n_cameras
+        first, size = {
+            "c": (6 * index, 6),
+            "x": (after_cameras, 6),
+            "z": (after_cameras + 6, 6),
+            "l": (after_cameras + 12, 1),
+            "k": (after_cameras + 13, CALIBRATION_DIM),
+            "p": (self._first_point + 3 * index, 3),
+        }[chr(gtsam.symbolChr(key))]
         return np.arange(first, first + size)
 
     @property
@@ -90,19 +94,24 @@ class Linearised:
     """Everything about the problem around an estimate.
 
     Attributes:
-        reprojections: image observations; their sigmas have the unit ``pixel_unit_px`` (pixels).
+        reprojections: image observations of unknown points; their sigmas have the unit
+            ``pixel_unit_px`` (pixels).
+        corners: image observations of known points, with sigmas of 1 pixel.
         robot: robot pose residuals.
-        prior: gauge and other priors.
+        prior: gauge, known points and other priors.
         pixel_unit_px: see ``reprojections``.
-        pixel_redundancy: observed pixel coordinates less point coordinates.
+        pixel_redundancy: observed pixel coordinates of unknown points less point coordinates.
+        corner_rows: observed pixel coordinates of known points.
         layout: of the shared unknowns.
     """
 
     reprojections: Quadratic
+    corners: Quadratic
     robot: Rows
     prior: Quadratic
     pixel_unit_px: float
     pixel_redundancy: int
+    corner_rows: int
     layout: Layout
 
 
@@ -115,7 +124,7 @@ def eliminate_points(
         ConvergenceError: a point is not determined by its observations.
     """
     ordering = gtsam.Ordering()
-    for j in range(n_points):
+    for j in range(layout.n_known, n_points):
         ordering.push_back(point_key(j))
     try:
         _, rest = reprojections.eliminatePartialMultifrontal(ordering)
@@ -124,37 +133,30 @@ def eliminate_points(
             "a scene point is not determined by its observations after the refinement; "
             "the reconstruction is too weak, add images"
         ) from error
-    seen = set(rest.keyVector())
+    return summed(rest, layout)
+
+
+def summed(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
+    """Factors on the shared unknowns, summed up."""
+    seen = set(linear.keyVector())
     keys = [
         key
-        for key in shared_keys(layout.n_cameras, with_intrinsics=layout.with_intrinsics)
+        for key in shared_keys(
+            layout.n_cameras, with_intrinsics=layout.with_intrinsics, n_known=layout.n_known
+        )
         if key in seen
     ]
+    hessian, gradient = np.zeros((layout.dim, layout.dim)), np.zeros(layout.dim)
+    if not keys:
+        return Quadratic(hessian=hessian, gradient=gradient, constant=0.0)
     order = gtsam.Ordering()
     for key in keys:
         order.push_back(key)
-    dense = np.asarray(rest.augmentedHessian(order))
+    dense = np.asarray(linear.augmentedHessian(order))
     columns = np.concatenate([layout.columns(key) for key in keys])
-    hessian = np.zeros((layout.dim, layout.dim))
     hessian[np.ix_(columns, columns)] = dense[:-1, :-1]
-    gradient = np.zeros(layout.dim)
     gradient[columns] = dense[:-1, -1]
     return Quadratic(hessian=hessian, gradient=gradient, constant=float(dense[-1, -1]))
-
-
-def priors(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
-    """Factors on the shared unknowns, summed up."""
-    hessian = np.zeros((layout.dim, layout.dim))
-    gradient = np.zeros(layout.dim)
-    constant = 0.0
-    for k in range(linear.size()):
-        factor = linear.at(k)
-        jacobian, right = factor.jacobian()
-        columns = np.concatenate([layout.columns(key) for key in factor.keys()])
-        hessian[np.ix_(columns, columns)] += jacobian.T @ jacobian
-        gradient[columns] += jacobian.T @ right.ravel()
-        constant += float(right.ravel() @ right.ravel())
-    return Quadratic(hessian=hessian, gradient=gradient, constant=constant)
 
 
 def robot_rows(linear: gtsam.GaussianFactorGraph, sigmas: Array, layout: Layout) -> Rows:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
@@ -12,8 +13,9 @@ from handeye_fg.graph.noise import Solution, degrees_of_freedom
 from handeye_fg.graph.observability import Observability, analyse
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
-from handeye_fg.types import NoiseLevels, SfmModel, Tracks
+from handeye_fg.types import KnownPoints, NoiseLevels, SfmModel, Tracks
 
+_FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
 _FEWEST = 3.0  # degrees of freedom; with two or fewer a t distribution has no covariance
 
 
@@ -28,11 +30,12 @@ class Refinement:
         observability: covariance of X, and what is free.
         metres_per_world_unit, metres_per_world_unit_std: the refined cameras' root mean square
             distance from their centre in metres, over the same in the SfM model.
+        log_scale_std: standard deviation of ``state.log_scale``, the noise levels taken as known.
         base_T_camera: refined camera poses (n, 4, 4), metres.
         base_T_world: the SfM model's world in the base, metres.
         intrinsics_covariance: (8, 8) of ``state.opencv_params``; zeros where fixed.
         noise: levels found or given.
-        redundancy: degrees of freedom of the pixel, robot rotation and robot translation sigmas.
+        redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
         degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
             where the noise levels are known.
         residuals: (n, 6) reported robot pose against the refined one, radians and metres.
@@ -48,11 +51,12 @@ class Refinement:
     observability: Observability
     metres_per_world_unit: float
     metres_per_world_unit_std: float
+    log_scale_std: float
     base_T_camera: Array
     base_T_world: Array
     intrinsics_covariance: Array
     noise: NoiseLevels
-    redundancy: tuple[float, float, float]
+    redundancy: tuple[float, float, float, float]
     degrees_of_freedom: float
     residuals: Array
     outliers: NDArray[np.bool_]
@@ -80,6 +84,27 @@ def robot_residuals(state: State, base_T_gripper: Array) -> Array:
     metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
     gripper = state.base_T_world @ metric @ frames.inverse(state.gripper_T_camera)
     return frames.log(frames.inverse(base_T_gripper) @ gripper)
+
+
+def corner_fit(final: Refinement, n_known: int) -> tuple[int, float]:
+    """Observed corners of a target that were used, and the root mean square of their errors, pixels."""
+    corners = final.tracks.point_index < n_known
+    lengths = np.linalg.norm(reprojection_errors(final.state, final.tracks)[corners], axis=1)
+    return int(np.count_nonzero(corners)), float(np.sqrt(np.mean(lengths**2)))
+
+
+def scale_agrees(final: Refinement, known: KnownPoints) -> bool:
+    """Whether the robot agrees with the scale that known points give.
+
+    The optimum combines both; what the robot says alone follows from what it adds to the points'
+    information. The difference is tested with Student's t.
+    """
+    added = final.log_scale_std**-2.0 - known.log_scale_sigma**-2.0
+    if added <= 0.0:  # by rounding: the robot says nothing
+        return True
+    robot_log_scale = final.state.log_scale / (final.log_scale_std**2 * added)
+    pull = abs(robot_log_scale) / np.sqrt(1.0 / added + known.log_scale_sigma**2)
+    return bool(2.0 * stats.t.sf(pull, final.degrees_of_freedom) > _FALSE_ALARM)
 
 
 def _spread(world_T_camera: Array) -> float:
@@ -171,6 +196,7 @@ def summarise(
         observability=analyse(joint, state.gripper_T_camera, frame),
         metres_per_world_unit=metres_per_unit,
         metres_per_world_unit_std=metres_per_unit * float(np.sqrt(joint[6, 6])),
+        log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
         base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
         intrinsics_covariance=intrinsics_covariance,

@@ -1,7 +1,8 @@
 """The unknowns of the factor graph: their keys, their order, and values in and out of GTSAM.
 
 Unknowns: camera poses c_i = world_T_camera, points p_j (world units), X = gripper_T_camera,
-Z = base_T_world, l = ln(metres_per_world_unit), and the intrinsics K where they are refined.
+Z = base_T_world, l = ln(metres_per_world_unit), and the intrinsics K where they are refined. The first
+points may be known ones, corners of a target.
 """
 
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def to_values(state: State, *, with_intrinsics: bool) -> gtsam.Values:
     return values
 
 
-def _matrix(pose: gtsam.Pose3) -> Array:
+def matrix_of(pose: gtsam.Pose3) -> Array:
     """A pose as a 4x4 matrix whose rotation is orthonormal to rounding."""
     return frames.pose(frames.orthonormalised(pose.rotation().matrix()), pose.translation())
 
@@ -76,20 +77,23 @@ def from_values(values: gtsam.Values, template: State, *, with_intrinsics: bool)
         params = np.delete(np.asarray(values.atCal3DS2(INTRINSICS).vector()), 2)  # without the skew
     n_cameras, n_points = len(template.world_T_camera), len(template.points_world)
     return State(
-        world_T_camera=np.array([_matrix(values.atPose3(camera_key(i))) for i in range(n_cameras)]),
+        world_T_camera=np.array(
+            [matrix_of(values.atPose3(camera_key(i))) for i in range(n_cameras)]
+        ),
         points_world=np.array([values.atPoint3(point_key(j)) for j in range(n_points)]),
-        gripper_T_camera=_matrix(values.atPose3(GRIPPER_T_CAMERA)),
-        base_T_world=_matrix(values.atPose3(BASE_T_WORLD)),
+        gripper_T_camera=matrix_of(values.atPose3(GRIPPER_T_CAMERA)),
+        base_T_world=matrix_of(values.atPose3(BASE_T_WORLD)),
         log_scale=float(values.atDouble(LOG_SCALE)),
         opencv_params=params,
     )
 
 
-def shared_keys(n_cameras: int, *, with_intrinsics: bool) -> list[int]:
-    """All keys but the points', in the order of the reduced system: cameras, X, Z, l, K."""
+def shared_keys(n_cameras: int, *, with_intrinsics: bool, n_known: int = 0) -> list[int]:
+    """All keys but the unknown points', in the order of the reduced system: cameras, X, Z, l, K, known."""
     keys = [camera_key(i) for i in range(n_cameras)]
     keys += [GRIPPER_T_CAMERA, BASE_T_WORLD, LOG_SCALE]
-    return [*keys, INTRINSICS] if with_intrinsics else keys
+    keys += [INTRINSICS] if with_intrinsics else []
+    return [*keys, *(point_key(j) for j in range(n_known))]
 
 
 def ordering(n_cameras: int, n_points: int, *, with_intrinsics: bool) -> gtsam.Ordering:

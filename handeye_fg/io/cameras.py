@@ -29,6 +29,7 @@ _LENGTHS = {
 _LARGEST_SIDE = 100_000
 _REMEDY = "correct the camera file"
 
+
 def read_camera(path: Path) -> CameraModel:
     """Read the intrinsics of a ROS camera_info or an OpenCV FileStorage YAML file.
 

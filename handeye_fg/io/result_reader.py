@@ -15,9 +15,11 @@ from handeye_fg.io.results import (
     Result,
     SfmSummary,
     Status,
+    TargetSummary,
     parent_frame,
     to_document,
 )
+from handeye_fg.patterns import TargetKind
 from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
 
 Kind = Literal["rotation", "translation", "scale"]
@@ -96,6 +98,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             images=tuple(_image(image) for image in fields.mappings("images")),
             **_intrinsics(fields.optional_mapping("intrinsics")),
             sfm=_sfm(fields.optional_mapping("sfm")),
+            target=_target(fields.mapping("target")) if "target" in fields.values else None,
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),
@@ -173,6 +176,18 @@ def _sfm(fields: Fields | None) -> SfmSummary | None:
         n_points=fields.integer("n_points"),
         n_observations=fields.integer("n_observations"),
         mean_reprojection_px=fields.number("mean_reprojection_px"),
+    )
+
+
+def _target(fields: Fields) -> TargetSummary:
+    return TargetSummary(
+        kind=fields.text("kind", get_args(TargetKind)),
+        n_images=fields.integer("n_images"),
+        n_corners=fields.integer("n_corners"),
+        rms_px=fields.number("rms_px"),
+        corner_px=fields.number("corner_px"),
+        base_T_target=fields.array("base_T_target", (4, 4)),
+        note=fields.text("note"),
     )
 
 

@@ -76,6 +76,34 @@ class SfmSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetSummary:
+    """What a known target gave.
+
+    Attributes:
+        kind: "charuco", "chessboard", "circles", "acircles" or "apriltag_grid".
+        n_images: images that show it.
+        n_corners: observed corners that were used.
+        rms_px: root mean square length of their reprojection errors, pixels.
+        corner_px: standard deviation of an observed corner, per axis, pixels.
+        base_T_target: its pose (4, 4), metres; for eye-to-hand gripper_T_target.
+        note: what was done with the lengths of the target file, in words.
+    """
+
+    kind: str
+    n_images: int
+    n_corners: int
+    rms_px: float
+    corner_px: float
+    base_T_target: Array
+    note: str
+
+    def __post_init__(self) -> None:
+        _set_pose(self, "base_T_target")
+        for name in ("rms_px", "corner_px"):
+            _check_finite(self, name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
     """X = parent_T_camera with its uncertainty, and all that a report needs.
 
@@ -104,6 +132,7 @@ class Result:
         intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
         intrinsics_note: what was done with the intrinsics and why, in words.
         sfm: size of the reconstruction; None where there were no images.
+        target: what a known target gave; None without target.
     """
 
     status: Status
@@ -126,6 +155,7 @@ class Result:
     intrinsics_std: Array | None = None
     intrinsics_note: str = ""
     sfm: SfmSummary | None = None
+    target: TargetSummary | None = None
 
     def __post_init__(self) -> None:
         _set_pose(self, "matrix")
@@ -233,6 +263,7 @@ def to_document(result: Result) -> Document:
         "images": [_image_document(image) for image in result.images],
         "intrinsics": _intrinsics_document(result),
         "sfm": None if result.sfm is None else asdict(result.sfm),
+        **({} if result.target is None else {"target": _target_document(result.target)}),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),
@@ -333,6 +364,10 @@ def _intrinsics_document(result: Result) -> Document | None:
         "std": _nested(result.intrinsics_std),
         "note": result.intrinsics_note,
     }
+
+
+def _target_document(target: TargetSummary) -> Document:
+    return {**asdict(target), "base_T_target": target.base_T_target.tolist()}
 
 
 def _start_document(start: LinearStart) -> Document:

@@ -10,7 +10,9 @@ from handeye_fg.io.yaml_files import read_yaml
 from handeye_fg.patterns import AprilTagGrid, Charuco, Grid, Pattern, Target
 
 _REMEDY = "correct the target file"
-_WANTED = "a target file with the key kind, one of charuco, chessboard, circles, acircles, apriltag_grid"
+_WANTED = (
+    "a target file with the key kind, one of charuco, chessboard, circles, acircles, apriltag_grid"
+)
 _LARGEST_COUNT = 100
 _LARGEST_M = 10.0
 # A length below a tenth of a millimetre, or a board of more than 10 m, was not given in metres.

@@ -94,6 +94,7 @@ def _context(result: Result) -> dict[str, object]:
         "intrinsics": _intrinsics(result),
         "start": _start(result),
         "sfm": result.sfm,
+        "target": None if result.target is None else wording.target_text(result.target),
         "extent": wording.extent(result),
         "rejected": wording.rejected(result),
         "images": [_image(image) for image in result.images],

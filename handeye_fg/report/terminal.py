@@ -44,6 +44,8 @@ def summary_text(result: Result, report: Path | None = None) -> str:
         lines.append(_row("residual", f"{wording.residual_text(result)} rms over motion pairs"))
     if result.camera is not None:
         lines.append(_row("intrinsics", wording.printable(result.intrinsics_note)))
+    if result.target is not None:
+        lines.append(_row("target", wording.printable(wording.target_text(result.target))))
     counts = f"{wording.extent(result)}, {wording.rejected(result)}"
     lines.append(_row("images" if result.sfm is not None else "rows", counts))
     lines += [

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from handeye_fg.frames import Array
-from handeye_fg.io.results import Result, parent_frame
+from handeye_fg.io.results import Result, TargetSummary, parent_frame
 
 MISSING = "—"
 COVARIANCE_CONVENTION = (
@@ -63,6 +63,14 @@ def extent(result: Result) -> str:
     if result.sfm is not None:
         return f"{result.sfm.n_registered} of {result.sfm.n_images} registered"
     return f"{sum(row.registered for row in result.images)} of {len(result.images)} paired"
+
+
+def target_text(target: TargetSummary) -> str:
+    """What a known target gave."""
+    return (
+        f"{target.kind} in {target.n_images} images, {target.n_corners} corners, "
+        f"{target.rms_px:.3f} px rms. {target.note}"
+    )
 
 
 def rejected(result: Result) -> str:

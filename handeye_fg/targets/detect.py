@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from handeye_fg.errors import InputDataError
+from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.patterns import (
     AprilTagGrid,
@@ -57,6 +57,7 @@ def find_target(
 
     Raises:
         InputDataError: an image cannot be read.
+        ReconstructionError: no image shows the target.
     """
     detect = detector(pattern)
     found: dict[str, tuple[Indices, Array]] = {}
@@ -65,12 +66,18 @@ def find_target(
         if len(numbers) >= FEWEST_CORNERS:
             found[name] = numbers, pixels
         progress("target", k + 1, len(names))
+    if not found:
+        raise ReconstructionError(
+            f"the target was found in none of the {len(names)} images: a pattern of kind "
+            f"{pattern.kind} was looked for, with the counts of the target file; check these and the "
+            "dictionary, and that the images show the target"
+        )
     counts = [len(numbers) for numbers, _ in found.values()]
     return Detections(
         names=tuple(found),
         image_index=np.repeat(np.arange(len(counts)), counts),
-        corner=np.concatenate([np.empty(0, np.int64), *(n for n, _ in found.values())]),
-        pixels=np.concatenate([np.empty((0, 2)), *(p for _, p in found.values())]),
+        corner=np.concatenate([numbers for numbers, _ in found.values()]),
+        pixels=np.concatenate([pixels for _, pixels in found.values()]),
     )
 
 
@@ -98,14 +105,16 @@ def _charuco(pattern: Charuco) -> Detector:
     )
     board.setLegacyPattern(pattern.legacy)
     search = cv2.aruco.CharucoDetector(board)
-    free = 0.5 * (1.0 - pattern.marker_m / pattern.square_m)  # from a corner to a marker, in squares
+    free = 0.5 * (
+        1.0 - pattern.marker_m / pattern.square_m
+    )  # from a corner to a marker, in squares
 
     def detect(grey: Grey) -> tuple[Indices, Array]:
         pixels, numbers, _, _ = search.detectBoard(grey)
-        if numbers is None or len(numbers) < FEWEST_CORNERS:
+        if not _any(numbers) or len(numbers) < FEWEST_CORNERS:
             return _NOTHING
-        corners = pixels.reshape(-1, 2)
-        square = KDTree(corners).query(corners, k=2)[0][:, 1].min()
+        corners = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        square = float(np.min(np.asarray(KDTree(corners).query(corners, k=2)[0])[:, 1]))
         return numbers.ravel().astype(np.int64), _ours(_refined(grey, corners, free * square))
 
     return detect
@@ -119,22 +128,28 @@ def _apriltag_grid(pattern: AprilTagGrid) -> Detector:
 
     def detect(grey: Grey) -> tuple[Indices, Array]:
         tags, ids, _ = search.detectMarkers(grey)
-        if ids is None:
+        if not _any(ids):
             return _NOTHING
         places = ids.ravel().astype(np.int64) - pattern.first_id
+        squares = [np.asarray(tag, dtype=np.float64).reshape(4, 2) for tag in tags]
         known = [k for k, place in enumerate(places) if 0 <= place < n_tags]
         if not known:
             return _NOTHING
         numbers = (4 * places[known, None] + np.arange(4)).ravel()
-        corners = [_refined(grey, tags[k].reshape(4, 2), bit * _side(tags[k])) for k in known]
+        corners = [_refined(grey, squares[k], bit * _side(squares[k])) for k in known]
         return numbers, _ours(np.concatenate(corners))
 
     return detect
 
 
 def _side(tag: Array) -> float:
-    """The shortest side of a tag (1, 4, 2) in pixels."""
-    return float(np.linalg.norm(tag[0] - np.roll(tag[0], 1, axis=0), axis=1).min())
+    """The shortest side of a tag (4, 2) in pixels."""
+    return float(np.linalg.norm(tag - np.roll(tag, 1, axis=0), axis=1).min())
+
+
+def _any(found: object) -> bool:
+    """Whether OpenCV found something: it returns None otherwise, which its types do not say."""
+    return found is not None
 
 
 def _refined(grey: Grey, corners: Array, free_px: float) -> Array:
@@ -149,7 +164,7 @@ def _grid(pattern: Grid) -> Detector:
     corners = corners_target(pattern)[:, :2]
     turned, mirrored = renumberings(pattern)
 
-    def search(grey: Grey) -> tuple[bool, Array]:
+    def search(grey: Grey) -> tuple[bool, object]:
         if pattern.kind == "chessboard":
             # Not exhaustive: that search takes seconds where there is no board.
             return cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_ACCURACY)
@@ -213,7 +228,7 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
-def _ours(pixels: Array) -> Array:
+def _ours(pixels: object) -> Array:
     """OpenCV's positions as ours (c, 2)."""
     return np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + _TO_OURS
 

@@ -107,11 +107,6 @@ def place_on_board(
             f"a target of kind {kind} with these counts looks the same when it is turned, and "
             "without robot poses nothing tells how the images see it; give the robot poses"
         )
-    if not detections.names:
-        raise ReconstructionError(
-            f"no image shows the target: a pattern of kind {kind} was looked for, with the counts and "
-            "the dictionary of the target file; check these, and that the images show the target whole"
-        )
     view, pixels, _ = pinhole_view(_invertible(camera), detections.pixels)
     undistorted = replace(detections, pixels=pixels)
     corners = corners_target(target.pattern)
@@ -139,10 +134,14 @@ def place_on_board(
     robot = None if base_T_gripper is None else base_T_gripper[placed]
     chosen, decided = _chosen(robot, [poses[i] for i in placed], [errors[i] for i in placed])
     reasons = {
-        **{i: "the target's corners do not fit its pattern" for i in range(len(fits)) if not fits[i]},
-        **{i: _UNDECIDED for i in placed[~decided]},
+        **{
+            i: "the target's corners do not fit its pattern"
+            for i in range(len(fits))
+            if not fits[i]
+        },
+        **dict.fromkeys(placed[~decided], _UNDECIDED),
     }
-    kept = [(i, c) for i, c, sure in zip(placed, chosen, decided, strict=True) if sure]
+    kept = [(int(i), int(c)) for i, c, sure in zip(placed, chosen, decided, strict=True) if sure]
     return BoardPoses(
         detections=_renumbered(detections, [(i, numberings[turns[i][c]]) for i, c in kept]),
         target_T_camera=np.array([poses[i][c] for i, c in kept]).reshape(-1, 4, 4),
@@ -177,7 +176,9 @@ def _possible_poses(corners: Array, pixels: Array, view: CameraModel) -> list[tu
         corners, pixels, K, None, flags=cv2.SOLVEPNP_IPPE
     )
     found = [
-        _without_strays(corners, pixels, K, rotation, translation)
+        _without_strays(
+            corners, pixels, K, np.asarray(rotation, float), np.asarray(translation, float)
+        )
         for rotation, translation in zip(rotations, translations, strict=True)
     ]
     found.sort(key=lambda pair: pair[0])
@@ -195,9 +196,8 @@ def _without_strays(
     used = np.ones(len(corners), dtype=bool)
     length = np.zeros(len(corners))
     for _ in range(2):
-        rotation, translation = cv2.solvePnPRefineLM(
-            corners[used], pixels[used], K, None, rotation, translation
-        )
+        r, t = cv2.solvePnPRefineLM(corners[used], pixels[used], K, None, rotation, translation)
+        rotation, translation = np.asarray(r, float), np.asarray(t, float)
         predicted, _ = cv2.projectPoints(corners, rotation, translation, K, None)
         error = predicted.reshape(-1, 2) - pixels
         length = np.linalg.norm(error, axis=1)
@@ -205,7 +205,7 @@ def _without_strays(
         if np.count_nonzero(near & used) < FEWEST_CORNERS:
             break
         used &= near
-    camera_T_target = frames.pose(cv2.Rodrigues(rotation)[0], translation.ravel())
+    camera_T_target = frames.pose(np.asarray(cv2.Rodrigues(rotation)[0]), translation.ravel())
     return float(np.sqrt(np.mean(length[used] ** 2))), frames.inverse(camera_T_target)
 
 
@@ -219,9 +219,7 @@ def _chosen(
     return agreeing(base_T_gripper, poses)
 
 
-def _renumbered(
-    detections: Detections, numbering: Sequence[tuple[int, Indices]]
-) -> Detections:
+def _renumbered(detections: Detections, numbering: Sequence[tuple[int, Indices]]) -> Detections:
     """The corners of some images: (image, new number (k,) of each corner)."""
     corners, pixels = [np.empty(0, np.int64)], [np.empty((0, 2))]
     for i, new in numbering:

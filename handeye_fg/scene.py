@@ -1,0 +1,95 @@
+"""Where the images were taken: from structure from motion, from a known target, or from both."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from handeye_fg import sfm
+from handeye_fg.errors import ReconstructionError
+from handeye_fg.inputs import Inputs
+from handeye_fg.intrinsics import covers_image
+from handeye_fg.options import Options
+from handeye_fg.patterns import Detections, Target
+from handeye_fg.progress import Progress
+from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
+from handeye_fg.types import CameraModel, KnownPoints, SfmModel
+
+_FEWEST_IMAGES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Camera poses and points.
+
+    Attributes:
+        model: in units and a frame of its own; with a target in that frame, in metres.
+        board: what the images show of the target; None without target.
+        known: the target's corners, the first points of the model; None without target.
+        kind: of the target; "" without target.
+    """
+
+    model: SfmModel
+    board: BoardPoses | None = None
+    known: KnownPoints | None = None
+    kind: str = ""
+
+
+def find_scene(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> Scene:
+    """Place the images.
+
+    With a target the target alone suffices, where the intrinsics are given: then structure from
+    motion may fail.
+
+    Args:
+        inputs: the checked inputs.
+        folder: where the reconstruction is kept.
+        options: of the calibration.
+        progress: told of every stage.
+
+    Raises:
+        ReconstructionError: too few images can be placed, or no image shows the target.
+    """
+    if inputs.target is None:
+        return Scene(model=_reconstructed(inputs, folder, options, progress))
+    # The target first: whether the images show it is known in seconds.
+    corners = find_target(inputs.images, inputs.names, inputs.target.pattern, progress)
+    try:
+        model = _reconstructed(inputs, folder, options, progress)
+    except ReconstructionError as error:
+        if inputs.camera is None:
+            raise ReconstructionError(
+                f"{error}; or give the camera file: with known intrinsics the target alone suffices"
+            ) from error
+        return _with_target(inputs, inputs.target, corners, inputs.camera, None)
+    given = inputs.camera if inputs.camera is not None and covers_image(inputs.camera) else None
+    return _with_target(inputs, inputs.target, corners, given or model.camera, model)
+
+
+def _with_target(
+    inputs: Inputs,
+    target: Target,
+    corners: Detections,
+    camera: CameraModel,
+    model: SfmModel | None,
+) -> Scene:
+    """The scene in the target's frame."""
+    board = place_on_board(corners, camera, target, inputs.robot_poses(corners.names))
+    joined, known = on_target(model, board, target, camera)
+    if len(joined.names) < _FEWEST_IMAGES:
+        raise ReconstructionError(
+            f"the target gives poses to only {len(joined.names)} of {len(inputs.names)} images, but at "
+            f"least {_FEWEST_IMAGES} are needed; take more images that show it whole and sharp"
+        )
+    return Scene(model=joined, board=board, known=known, kind=target.pattern.kind)
+
+
+def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> SfmModel:
+    return sfm.reconstruct(
+        inputs.images,
+        inputs.names,
+        inputs.camera,
+        masks=inputs.masks,
+        folder=folder,
+        options=options.sfm,
+        seed=options.seed,
+        progress=progress,
+    )
