@@ -36,8 +36,8 @@ _WIDE = np.array([3.0] * 3 + [10.0] * 3 + [10.0])
 # The information that noise feigns may exceed its mean by so many of its standard deviations.
 _FEIGNED_SIGMAS = 3.0
 _MAX_STEPS = 60
-_SETTLED_STEP = 1e-13  # in units of the limits
-_SETTLED_LEVEL = 1e-3  # relative; the levels' own uncertainty is larger
+_SETTLED_STEP = 1e-10  # in units of the limits; the next step is a hundred times smaller
+_SETTLED_LEVEL = 0.01  # relative; the levels' own uncertainty is larger
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,11 +119,11 @@ def settle(
     for _ in range(_MAX_STEPS):
         reduced = _reduced(poses, _linearised(poses, state), state.sigmas)
         covariance = _covariance(poses, reduced, state, priors, dims)
-        sigmas = _levels(poses, reduced, covariance)
-        step = _step(reduced, covariance, state, priors, dims) if move else np.zeros(7)
+        within, step = _determined(reduced, covariance, state, priors, dims)
+        sigmas = _levels(poses, reduced, within)
         change = float(np.max(np.abs(np.log(sigmas / state.sigmas))))
-        state = _moved(state, step, reduced, sigmas, covariance)
-        if np.max(np.abs(step) / LIMITS) < _SETTLED_STEP and change < _SETTLED_LEVEL:
+        state = _moved(state, step * move, reduced, sigmas, covariance)
+        if np.max(np.abs(step * move) / LIMITS) < _SETTLED_STEP and change < _SETTLED_LEVEL:
             break
     return state
 
@@ -219,7 +219,7 @@ def _feigned(poses: PoseGroups, state: State) -> Array:
 
 
 def _levels(poses: PoseGroups, reduced: _Reduced, covariance: Array) -> Array:
-    """Noise (2,) of a pose: sums of squares over redundancies."""
+    """Noise (2,) of a pose: sums of squares over redundancies; ``covariance`` of what is fitted."""
     squares = poses.weights[:, None] * reduced.residual**2
     used = np.einsum("nri,ij,nrj->nr", reduced.by_x, covariance, reduced.by_x) * reduced.weights
     redundancy = 3.0 * len(squares) - reduced.z_leverage - _by_kind(used)
@@ -234,22 +234,21 @@ def _by_kind(values: Array) -> Array:
     return np.asarray(values.sum(axis=0).reshape(2, 3).sum(axis=1))
 
 
-def _step(
+def _determined(
     reduced: _Reduced, covariance: Array, state: State, priors: Sequence[Prior], dims: int
-) -> Array:
-    """The Gauss-Newton step (7,) within the determined directions."""
+) -> tuple[Array, Array]:
+    """Covariance (7, 7) within the determined directions, and the Gauss-Newton step (7,) there."""
     information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
     gradient = -np.einsum("nri,nr,nr->i", reduced.by_x, reduced.weights, reduced.residual)
     for row, sigma, misfit in _prior_rows(state, priors):
-        information = information + np.outer(row, row) / sigma**2
-        gradient = gradient + row * misfit / sigma**2
+        information += np.outer(row, row) / sigma**2
+        gradient += row * misfit / sigma**2
     free = free_basis(covariance[:dims, :dims])
-    kept = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
-    kept = LIMITS[:dims, None] * kept
-    small = np.linalg.solve(kept.T @ information[:dims, :dims] @ kept, kept.T @ gradient[:dims])
-    step = np.zeros(7)
-    step[:dims] = kept @ small
-    return step
+    kept = np.zeros((7, dims - free.shape[1]))
+    kept[:dims] = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
+    kept *= LIMITS[:, None]
+    within = kept @ np.linalg.inv(kept.T @ information @ kept) @ kept.T
+    return within, within @ gradient
 
 
 def _prior_rows(state: State, priors: Sequence[Prior]) -> list[tuple[Array, float, float]]:

@@ -47,8 +47,11 @@ from handeye_fg.solvers.solution import Solution
 TYPICAL_MOUNT = 0.1
 # Least over greatest extent of the translations above which they tell a rotation from a reflection.
 SOLID = 0.1
-# What a few motions may fit by chance is not exact: a tenth of a millimetre for one equation.
-TYPICAL_NOISE = 1e-4
+# What a few motions fit by chance is not exact (metres): a shift along the axis of a single motion
+# gives the scale where it is three times as large.
+TYPICAL_NOISE = 1e-3
+# A scale below zero by so many of its standard deviations is no chance; they are uncertain themselves.
+DECISIVE = 10.0
 
 
 def partial(
@@ -215,10 +218,10 @@ def _translation_and_scale(
         InputDataError: the scale is negative.
     """
     solution, covariance, _ = translation_equations(pairs, R_X, found, TYPICAL_NOISE)
-    scale = float(solution[-1])
-    if not scale_known and abs(scale) > SIGNIFICANT * math.sqrt(covariance[-1, -1]):
-        if scale < 0.0:
-            raise InputDataError(NEGATIVE_SCALE)
+    scale, sigma = float(solution[-1]), math.sqrt(covariance[-1, -1])
+    if not scale_known and scale < -DECISIVE * sigma:
+        raise InputDataError(NEGATIVE_SCALE)
+    if not scale_known and scale > SIGNIFICANT * sigma:
         return found @ solution[:-1], scale
     scale = 1.0 if scale_known else _typical_scale(pairs)
     R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
