@@ -20,6 +20,12 @@ USELESS_TRANSLATION = 0.05
 USELESS_LOG_SCALE = 0.2
 LIMITS = np.array([USELESS_ROTATION] * 3 + [USELESS_TRANSLATION] * 3 + [USELESS_LOG_SCALE])
 LIMITS.setflags(write=False)
+# Wide priors (radians, metres, ln scale) keep free directions finite and change no determined one: a
+# camera on an arm is within a metre of the gripper's origin or so.
+WIDE = np.array([3.0] * 3 + [1.0] * 3 + [5.0])
+WIDE.setflags(write=False)
+# The information that noise feigns may exceed its mean by so many of its standard deviations.
+_FEIGNED_SIGMAS = 3.0
 # Free directions whose squared length (in units of the limits) lies to this part in one kind of
 # unknown are told as that kind alone; noise leans them towards the others by a few percent.
 _PURE = 0.99
@@ -36,14 +42,15 @@ class Observability:
         covariance: of X (6, 6) on the determined subspace, zero along the free directions.
         free_directions: the rest, one entry for each free dimension of (X, scale).
         free_basis: the free subspace: orthonormal columns (7, d) in units of ``LIMITS``.
-        free_scale: whether the scale is not determined, alone or together with X.
+        log_scale_std: standard deviation of ln scale; infinite where it is not determined, alone or
+            together with X.
         weakest_std: standard deviation of the weakest direction, in units of ``LIMITS``.
     """
 
     covariance: Array
     free_directions: tuple[FreeDirection, ...]
     free_basis: Array
-    free_scale: bool
+    log_scale_std: float
     weakest_std: float
 
 
@@ -58,10 +65,10 @@ def analyse(covariance: Array, gripper_T_camera: Array, frame: str) -> Observabi
     basis = free_basis(covariance)
     scaled = covariance / np.outer(LIMITS, LIMITS)
     return Observability(
-        covariance=_determined(covariance[:6, :6]),
+        covariance=_complement(covariance[:6, :6]),
         free_directions=_directions(basis, gripper_T_camera[:3, :3], frame),
         free_basis=basis,
-        free_scale=bool(covariance[6, 6] > USELESS_LOG_SCALE**2),
+        log_scale_std=_log_scale_std(covariance),
         weakest_std=float(np.sqrt(np.linalg.eigvalsh(scaled)[-1])),
     )
 
@@ -77,17 +84,78 @@ def free_basis(covariance: Array) -> Array:
     return np.asarray(vectors[:, variances > 1.0])
 
 
-def _determined(covariance: Array) -> Array:
-    """The covariance (6, 6) of X on the complement of its free directions.
+def feigned_information(
+    gripper_T_camera: Array, independent: int, pose_std: Array, sigmas: Array
+) -> Array:
+    """The information (7, 7) on (X, ln scale) that noisy poses add by their own apparent motion.
+
+    Noise makes motions look richer than they are: rotations about one axis seem to turn about a
+    second one, a gripper at rest seems to move. With dR_i and dt_i the noise of a pose in the base
+    frame, a = R_X xi_r, b = R_X xi_t for the tangent xi of X, l = ln scale, and the camera at
+    t_i + R_i t_X, the residual of a pose changes by ``-dR_i a`` in rotation and by
+    ``dR_i (t_X l - t_X x a - b) + dt_i l`` in translation, and on average over the noise
+
+        E |dR_i v|^2 = 2 std_r^2 |v|^2,   E |dt_i|^2 = 3 std_t^2.
+
+    The mean is enlarged by three of its standard deviations, that of a chi-square.
+
+    Args:
+        gripper_T_camera: X (4, 4), metres.
+        independent: number of independent motions: poses less one, for each group of them.
+        pose_std: standard deviations (2,) of the poses with which the residuals were linearised,
+            radians and metres.
+        sigmas: those by which the residuals are weighted.
+    """
+    R_X, t_X = gripper_T_camera[:3, :3], gripper_T_camera[:3, 3]
+    turned, shifted = np.zeros((2, 3, 7))
+    turned[:, :3] = R_X
+    shifted[:, :3] = -np.cross(t_X, R_X.T).T
+    shifted[:, 3:6] = -R_X
+    shifted[:, 6] = t_X
+    mean = 2.0 * (pose_std[0] / sigmas[0]) ** 2 * turned.T @ turned
+    mean += 2.0 * (pose_std[0] / sigmas[1]) ** 2 * shifted.T @ shifted
+    mean[6, 6] += 3.0 * (pose_std[1] / sigmas[1]) ** 2
+    margin = 1.0 + _FEIGNED_SIGMAS * np.sqrt(2.0 / (3.0 * independent))
+    return np.asarray(independent * margin * mean)
+
+
+def without_feigned(values: Array, vectors: Array, feigned: Array) -> Array:
+    """A covariance (d, d) from its information, less what noise feigns of it.
+
+    It is taken off along the principal directions, for which it matters only where they are weak;
+    what is left is no less than that of the wide prior.
+
+    Args:
+        values: eigenvalues (d,) of the information in units of ``LIMITS``, with that of the priors.
+        vectors: its eigenvectors (d, d).
+        feigned: from ``feigned_information``; its first d rows and columns are used.
+    """
+    d = len(values)
+    limits = LIMITS[:d]
+    taken = np.einsum("ik,ij,jk->k", vectors, feigned[:d, :d] * np.outer(limits, limits), vectors)
+    least = ((limits / WIDE[:d]) ** 2) @ vectors**2
+    covariance = (vectors / np.maximum(values - taken, least)) @ vectors.T
+    return np.asarray(covariance * np.outer(limits, limits))
+
+
+def _complement(covariance: Array) -> Array:
+    """A covariance on the complement of its free directions.
 
     Errors along the free directions may have any size. The complement is orthogonal to them in
     radians and metres, so that such an error leaves no trace in it.
     """
-    free = LIMITS[:6, None] * free_basis(covariance)
+    free = LIMITS[: len(covariance), None] * free_basis(covariance)
     if free.shape[1] == 0:
         return covariance
     kept = linalg.null_space(free.T)
     return np.asarray(kept @ (kept.T @ covariance @ kept) @ kept.T)
+
+
+def _log_scale_std(covariance: Array) -> float:
+    """Standard deviation of ln scale where X's free directions stay as they are."""
+    if covariance[6, 6] > USELESS_LOG_SCALE**2:
+        return np.inf
+    return float(np.sqrt(_complement(covariance)[6, 6]))
 
 
 def _directions(basis: Array, R_X: Array, frame: str) -> tuple[FreeDirection, ...]:

@@ -8,10 +8,8 @@ change by
     rotation      zeta_r - R_i a
     translation   zeta_t - t_i x zeta_r - R_i (t_X x a + b) + c_i l
 
-Noise in R_i and t_i makes motions look richer than they are: rotations about one axis seem to turn
-about a second one, a gripper at rest seems to move. What it adds to the information on average is known
-and is taken off (as for errors in variables), so that directions that only noise supports come out
-free. Where the motion determines something, that part is negligible.
+What the noise of R_i and t_i feigns of information is taken off, so that directions which only noise
+supports come out free.
 """
 
 from collections.abc import Sequence
@@ -21,7 +19,13 @@ import numpy as np
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.observability import LIMITS, free_basis
+from handeye_fg.observability import (
+    LIMITS,
+    WIDE,
+    feigned_information,
+    free_basis,
+    without_feigned,
+)
 from handeye_fg.options import Prior
 from handeye_fg.solvers.groups import PoseGroups
 
@@ -31,10 +35,6 @@ _PRIOR_WEIGHT = 0.1
 _PRIOR_SIGMAS = np.array([np.deg2rad(0.02), 1e-4])
 # Finer than any arm; keeps the information matrix within what float64 can tell from zero.
 _FINEST = 1e-6
-# So wide (radians, metres, ln scale) that it changes nothing that is determined.
-_WIDE = np.array([3.0] * 3 + [10.0] * 3 + [10.0])
-# The information that noise feigns may exceed its mean by so many of its standard deviations.
-_FEIGNED_SIGMAS = 3.0
 _MAX_STEPS = 60
 _SETTLED_STEP = 1e-10  # in units of the limits; the next step is a hundred times smaller
 _SETTLED_LEVEL = 0.01  # relative; the levels' own uncertainty is larger
@@ -113,7 +113,7 @@ def settle(
         log_scale=float(np.log(metres_per_world_unit)),
         base_T_world=_mean_z(poses, gripper_T_camera, metres_per_world_unit),
         sigmas=_PRIOR_SIGMAS,
-        covariance=np.diag(_WIDE**2),
+        covariance=np.diag(WIDE**2),
     )
     dims = 6 if scale_known else 7
     for _ in range(_MAX_STEPS):
@@ -185,37 +185,15 @@ def _covariance(
 ) -> Array:
     """Covariance (7, 7) from the information, less what noise feigns, and the priors."""
     information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
-    information = (information - _feigned(poses, state)) * np.outer(LIMITS, LIMITS)
-    values, vectors = np.linalg.eigh(information[:dims, :dims])
-    left = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    left += np.diag((LIMITS / _WIDE)[:dims] ** 2.0)
+    information += np.diag(WIDE**-2.0)
     for row, sigma, _ in _prior_rows(state, priors):
-        scaled_row = (row * LIMITS / sigma)[:dims]
-        left += np.outer(scaled_row, scaled_row)
+        information += np.outer(row, row) / sigma**2
+    values, vectors = np.linalg.eigh((information * np.outer(LIMITS, LIMITS))[:dims, :dims])
+    independent = len(poses.group) - poses.count
+    feigned = feigned_information(state.gripper_T_camera, independent, state.sigmas, state.sigmas)
     covariance = np.zeros((7, 7))
-    covariance[:dims, :dims] = np.linalg.inv(left) * np.outer(LIMITS, LIMITS)[:dims, :dims]
-    return 0.5 * (covariance + covariance.T)
-
-
-def _feigned(poses: PoseGroups, state: State) -> Array:
-    """The information (7, 7) on (X, ln scale) that the noise of the poses adds by its own motion.
-
-    With dR_i and dt_i the noise of a pose, and c_i = t_i + R_i t_X, the rows change by -dR_i a and by
-    dR_i (t_X l - t_X x a - b) + dt_i l; E |dR v|^2 = 2 sigma_r^2 |v|^2, E |dt|^2 = 3 sigma_t^2.
-    """
-    rotation, translation = state.sigmas
-    X = state.gripper_T_camera
-    independent = float(len(poses.group) - poses.count)
-    turned = np.zeros((3, 7))
-    turned[:, :3] = X[:3, :3]
-    shifted = np.zeros((3, 7))
-    shifted[:, :3] = -_cross(X[:3, 3]) @ X[:3, :3]
-    shifted[:, 3:6] = -X[:3, :3]
-    shifted[:, 6] = X[:3, 3]
-    mean = 2.0 * turned.T @ turned + 2.0 * (rotation / translation) ** 2 * shifted.T @ shifted
-    mean[6, 6] += 3.0
-    margin = 1.0 + _FEIGNED_SIGMAS * np.sqrt(2.0 / (3.0 * independent))
-    return np.asarray(margin * independent * mean)
+    covariance[:dims, :dims] = without_feigned(values, vectors, feigned)
+    return covariance
 
 
 def _levels(poses: PoseGroups, reduced: _Reduced, covariance: Array) -> Array:
