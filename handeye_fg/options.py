@@ -103,6 +103,8 @@ class Options:
     """Camera on the gripper, or static camera that looks at an object on the gripper."""
     seed: int = 0
     """Seed of everything random."""
+    priors: tuple[Prior, ...] = ()
+    """What is known of the camera's pose beforehand."""
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)

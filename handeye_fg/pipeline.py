@@ -57,7 +57,7 @@ def solve_scene(
     model, known = scene.model, scene.known
     reported = inputs.robot_poses(model.names)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
-    linear = linear_start(reported, model.world_T_camera)
+    linear = linear_start(reported, model.world_T_camera, priors=options.priors)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)

@@ -107,6 +107,7 @@ class _Call:
             progress=self.progress,
             frame=self.frame,
             known=self.known,
+            known_x=self.options.priors,
         )
 
 

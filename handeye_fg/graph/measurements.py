@@ -19,13 +19,15 @@ from handeye_fg.graph.variables import (
     camera_key,
     point_key,
 )
+from handeye_fg.observability import LIMITS, WIDE
+from handeye_fg.options import Prior
 from handeye_fg.types import Indices, KnownPoints, Tracks
 
 Gauge = Literal["base", "first camera"]
 
 _SKEW_SIGMA = 1e-6  # no camera model of the files has a skew; GTSAM's always has one
-# Prior of X for directions that the motion leaves free: so wide that it changes no determined one.
-_WIDE_PRIOR_SIGMA = 10.0
+# Standard deviation, in units of the limits of observability, of X along directions that are kept.
+_HELD = 0.01
 
 
 def pose_sigmas(rotation: float, translation: float) -> Array:
@@ -143,10 +145,39 @@ def known_points_graph(known: KnownPoints, unit: float = 1.0) -> gtsam.Nonlinear
 
 
 def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
-    """Hold X where the motion leaves it free, without weight where the motion determines it."""
+    """Keep X finite where the motion leaves it free, without weight where it is determined."""
     graph = gtsam.NonlinearFactorGraph()
-    model = gtsam.noiseModel.Isotropic.Sigma(6, _WIDE_PRIOR_SIGMA)
+    model = gtsam.noiseModel.Diagonal.Sigmas(WIDE[:6])
     graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera), model)
+    return graph
+
+
+def held_graph(gripper_T_camera: Array, free: Array) -> gtsam.NonlinearFactorGraph:
+    """Keep X where it is along its free directions, and let it go along the others.
+
+    Args:
+        gripper_T_camera: X (4, 4), metres.
+        free: orthonormal columns (6, k), in units of ``LIMITS``.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    root = free @ free.T / LIMITS[:6] / _HELD
+    model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
+    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(gripper_T_camera), model)
+    return graph
+
+
+def known_x_graph(priors: Sequence[Prior], unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+    """What is known of X beforehand; ``unit`` is a factor of all standard deviations.
+
+    GTSAM's prior of a translation has three rows; the two across the axis get no weight.
+    """
+    graph = gtsam.NonlinearFactorGraph()
+    for prior in priors:
+        axis = np.asarray(prior.axis)
+        root = np.zeros((3, 3))
+        root[0] = axis / (unit * prior.std)
+        model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
+        graph.push_back(gtsam.PoseTranslationPrior3D(GRIPPER_T_CAMERA, prior.value * axis, model))
     return graph
 
 

@@ -90,9 +90,13 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     weights = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** -2.0
     robot_hessian, robot_gradient = scatter(robot, weights, problem.layout.dim)
     seen = images.hessian / unit**2 + corners.hessian / corner**2
-    covariance = _inverse(seen + robot_hessian + prior.hessian)
     seen_gradient = images.gradient / unit**2 + corners.gradient / corner**2
-    step = covariance @ (seen_gradient + robot_gradient + prior.gradient)
+    others, others_gradient = prior.hessian, prior.gradient
+    if problem.held is not None:
+        others = others + problem.held.hessian
+        others_gradient = others_gradient + problem.held.gradient
+    covariance = _inverse(seen + robot_hessian + others)
+    step = covariance @ (seen_gradient + robot_gradient + others_gradient)
 
     predicted = predicted_covariance(robot, covariance)
     leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights

@@ -1,5 +1,6 @@
 """The graph of one choice of observations, and its linearised form; entry point ``make_problem``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -10,6 +11,7 @@ from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.reduced import Layout, Linearised, eliminate_points, robot_rows, summed
+from handeye_fg.options import Prior
 from handeye_fg.types import Indices, KnownPoints, NoiseLevels, Tracks
 
 
@@ -45,14 +47,17 @@ class Problem:
     trusted: NDArray[np.bool_]
     intrinsics: IntrinsicsPrior | None
     known: KnownPoints | None
+    known_x: Sequence[Prior]
     pixel_unit_px: float
     layout: Layout
+    held: gtsam.NonlinearFactorGraph | None = None
 
     def graph(self, noise: NoiseLevels) -> gtsam.NonlinearFactorGraph:
         """All measurements; their sigmas have the unit that makes a pixel's ``pixel_unit_px``."""
         unit = self.pixel_unit_px / noise.pixel
         corners = self._seen_corners(unit * (noise.corner or 1.0))
-        return m.joined([self.reprojections, corners, self._robot(noise, unit), self._priors(unit)])
+        graphs = [self.reprojections, corners, self._robot(noise, unit), self._priors(unit)]
+        return m.joined(graphs if self.held is None else [*graphs, self.held])
 
     def linearised(self, values: gtsam.Values, noise: NoiseLevels) -> Linearised:
         """The problem around an estimate."""
@@ -70,6 +75,7 @@ class Problem:
             pixel_redundancy=scene_rows - 3 * (points - self.layout.n_known),
             corner_rows=2 * len(self.corners),
             layout=self.layout,
+            held=None if self.held is None else summed(self.held.linearize(values), self.layout),
         )
 
     def _robot(self, noise: NoiseLevels, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
@@ -86,7 +92,7 @@ class Problem:
         )
 
     def _priors(self, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
-        graphs = [self.gauge]
+        graphs = [self.gauge, m.known_x_graph(self.known_x, unit)]
         if self.intrinsics is not None:
             prior = self.intrinsics
             graphs.append(m.intrinsics_graph(prior.params, unit * prior.sigmas))
@@ -101,6 +107,7 @@ def make_problem(
     gauge: m.Gauge,
     intrinsics: IntrinsicsPrior | None,
     known: KnownPoints | None,
+    known_x: Sequence[Prior],
     trusted: NDArray[np.bool_] | None = None,
 ) -> Problem:
     """The problem of the observations that were kept.
@@ -111,6 +118,7 @@ def make_problem(
         gauge: what holds the world where there are no known points.
         intrinsics: prior of the intrinsics; None to keep them fixed.
         known: known points; None where there are none.
+        known_x: what is known of X beforehand.
         trusted: (n,) which of the robot poses are used; None: all.
     """
     state, tracks, with_intrinsics = kept.state, kept.tracks, intrinsics is not None
@@ -134,6 +142,7 @@ def make_problem(
         trusted=np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted,
         intrinsics=intrinsics,
         known=known,
+        known_x=known_x,
         pixel_unit_px=kept.pixel,
         layout=Layout(
             n_cameras=len(state.world_T_camera), with_intrinsics=with_intrinsics, n_known=n_known

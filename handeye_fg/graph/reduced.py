@@ -103,6 +103,7 @@ class Linearised:
         pixel_redundancy: observed pixel coordinates of unknown points less point coordinates.
         corner_rows: observed pixel coordinates of known points.
         layout: of the shared unknowns.
+        held: what keeps free directions of X where they are; None: nothing.
     """
 
     reprojections: Quadratic
@@ -113,6 +114,7 @@ class Linearised:
     pixel_redundancy: int
     corner_rows: int
     layout: Layout
+    held: Quadratic | None = None
 
 
 def eliminate_points(

@@ -1,12 +1,14 @@
 """Joint refinement of points, camera poses, X, Z, scale and intrinsics; entry point ``refine``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
-from handeye_fg.graph.measurements import Gauge
+from handeye_fg.graph import measurements as m
+from handeye_fg.graph.determined import determined
 from handeye_fg.graph.mismatches import Kept, without_mismatches
 from handeye_fg.graph.noise import Solution, estimate_noise, relative_change
 from handeye_fg.graph.optimise import optimise
@@ -15,7 +17,8 @@ from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.variables import INTRINSICS, State, from_values, ordering, to_values
-from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.observability import free_basis
+from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
 from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, SfmModel
 
@@ -86,7 +89,11 @@ def _fitted(
     progress: Progress,
     done: int = 0,
 ) -> _Fit:
-    """Optimise and estimate the noise in turn until the levels stay the same."""
+    """Optimise and estimate the noise in turn until the levels stay the same.
+
+    Along directions that the data leave free X stays where it starts: noise, which bends the cost a
+    little, would otherwise carry it away, and the linearisation with it.
+    """
     with_intrinsics = problem.layout.with_intrinsics
     order = ordering(
         problem.layout.n_cameras,
@@ -94,8 +101,10 @@ def _fitted(
         with_intrinsics=with_intrinsics,
     )
     values = to_values(start, with_intrinsics=with_intrinsics)
+    free = _free(start, problem.linearised(values, levels), levels, noise)
     iterations = 0
     while True:
+        problem = replace(problem, held=m.held_graph(start.gripper_T_camera, free))
         optimum = optimise(
             problem.graph(levels),
             values,
@@ -108,9 +117,12 @@ def _fitted(
         linearised = problem.linearised(values, levels)
         solution = estimate_noise(linearised, levels, noise)
         change, levels = relative_change(levels, solution.noise), solution.noise
-        if change < _NOISE_CONVERGED or rounds == 0:
+        state = from_values(values, start, with_intrinsics=with_intrinsics)
+        before, free = free, _free(state, linearised, levels, noise)
+        settled = change < _NOISE_CONVERGED and free.shape == before.shape
+        if settled or rounds == 0:
             return _Fit(
-                state=from_values(values, start, with_intrinsics=with_intrinsics),
+                state=state,
                 problem=problem,
                 linearised=linearised,
                 solution=solution,
@@ -119,11 +131,18 @@ def _fitted(
             )
 
 
+def _free(state: State, linearised: Linearised, levels: NoiseLevels, noise: NoiseOptions) -> Array:
+    """Basis (6, k) of the free directions of X, in units of the limits."""
+    solution = estimate_noise(replace(linearised, held=None), levels, noise)
+    return free_basis(determined(state, linearised, solution).joint[:6, :6])
+
+
 def intrinsics_pull(
     base_T_gripper: Array,
     kept: Refinement,
     prior: IntrinsicsPrior,
     known: KnownPoints | None = None,
+    known_x: Sequence[Prior] = (),
 ) -> float:
     """How far the images would move intrinsics that were kept: a chi-square of 8.
 
@@ -135,6 +154,7 @@ def intrinsics_pull(
         kept: the optimum with the intrinsics at the centre of ``prior``.
         prior: of the intrinsics, wide.
         known: known points, as in the refinement.
+        known_x: what is known of X beforehand, likewise.
     """
     observed = Kept(
         state=kept.state,
@@ -143,7 +163,7 @@ def intrinsics_pull(
         pixel=kept.noise.pixel,
         corner=kept.noise.corner or 1.0,
     )
-    problem = make_problem(observed, base_T_gripper, "base", prior, known, ~kept.outliers)
+    problem = make_problem(observed, base_T_gripper, "base", prior, known, known_x, ~kept.outliers)
     values = to_values(kept.state, with_intrinsics=True)
     solution = estimate_noise(problem.linearised(values, kept.noise), kept.noise, NoiseOptions())
     columns = np.delete(problem.layout.columns(INTRINSICS), 2)  # without the skew
@@ -164,8 +184,9 @@ def refine(
     noise: NoiseOptions,
     options: GraphOptions,
     progress: Progress,
-    gauge: Gauge = "base",
+    gauge: m.Gauge = "base",
     known: KnownPoints | None = None,
+    known_x: Sequence[Prior] = (),
     frame: str = "gripper",
 ) -> Refinement:
     """Refine everything together and estimate the noise levels with it.
@@ -181,6 +202,7 @@ def refine(
         progress: told the number of iterations.
         gauge: what holds the world; no reported figure depends on it.
         known: positions of the first points, which hold the world instead; None: there are none.
+        known_x: what is known of X beforehand.
         frame: parent frame of X, for messages.
 
     Raises:
@@ -191,13 +213,13 @@ def refine(
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
     n_known = 0 if known is None else len(known.points_world)
     kept = without_mismatches(start, model.tracks, scales, n_known)
-    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known)
+    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
     levels = _first_noise(kept, base_T_gripper, with_corners=known is not None)
     first = _fitted(problem, kept.state, levels, 1, noise, options, progress)
 
     # Mismatches that hid behind a wrong start show now.
     kept = without_mismatches(first.state, kept.tracks, kept.sigma_scale, n_known)
-    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known)
+    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
     levels = first.solution.noise
     fit = _fitted(problem, kept.state, levels, _MAX_ROUNDS, noise, options, progress)
     iterations = first.iterations + fit.iterations

@@ -9,14 +9,14 @@ from scipy import stats
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.graph.noise import Solution, degrees_of_freedom
-from handeye_fg.graph.observability import Observability, analyse
+from handeye_fg.graph.determined import determined, spread
+from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Linearised
-from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State, camera_key
+from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State
+from handeye_fg.observability import Observability, analyse
 from handeye_fg.types import KnownPoints, NoiseLevels, SfmModel, Tracks
 
 _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
-_FEWEST = 3.0  # degrees of freedom; with two or fewer a t distribution has no covariance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,23 +107,6 @@ def scale_agrees(final: Refinement, known: KnownPoints) -> bool:
     return bool(2.0 * stats.t.sf(pull, final.degrees_of_freedom) > _FALSE_ALARM)
 
 
-def _spread(world_T_camera: Array) -> float:
-    """Root mean square distance of the camera centres from their mean."""
-    return float(np.sqrt(np.mean(np.sum(_centred(world_T_camera) ** 2, axis=1))))
-
-
-def _centred(world_T_camera: Array) -> Array:
-    centres = world_T_camera[:, :3, 3]
-    return np.asarray(centres - centres.mean(axis=0))
-
-
-def _spread_gradient(world_T_camera: Array) -> Array:
-    """Derivative (n, 3) of ln(spread) by the translation part of each camera's tangent."""
-    centred = _centred(world_T_camera)
-    in_camera = np.einsum("nji,nj->ni", world_T_camera[:, :3, :3], centred)
-    return np.asarray(in_camera / np.sum(centred**2))
-
-
 def _aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:
     """The rigid transform base_T_metric that best carries one set of cameras to the other."""
     rotation = frames.orthonormalised(
@@ -173,36 +156,29 @@ def summarise(
     n = len(state.world_T_camera)
     scale = float(np.exp(state.log_scale))
     base_T_camera = state.base_T_world @ frames.scaled(state.world_T_camera, scale)
-    metres_per_unit = scale * _spread(state.world_T_camera) / _spread(model.world_T_camera)
+    metres_per_unit = scale * spread(state.world_T_camera) / spread(model.world_T_camera)
 
-    x_and_scale = np.zeros((7, layout.dim))
-    x_and_scale[np.arange(6), layout.x_columns] = 1.0
-    x_and_scale[6, layout.columns(LOG_SCALE)] = 1.0
-    for i, gradient in enumerate(_spread_gradient(state.world_T_camera)):
-        x_and_scale[6, layout.columns(camera_key(i))[3:]] = gradient
-    freedom = degrees_of_freedom(linearised, solution)
-    # With estimated noise levels the errors follow a t distribution; this is its covariance.
-    inflation = 1.0 if np.isinf(freedom) else max(freedom, _FEWEST) / (max(freedom, _FEWEST) - 2.0)
-    joint = inflation * x_and_scale @ solution.covariance @ x_and_scale.T
-
+    found = determined(state, linearised, solution)
+    observability = analyse(found.joint, state.gripper_T_camera, frame)
+    covariance = found.inflation * found.solution.covariance
     intrinsics_covariance = np.zeros((8, 8))
     if layout.with_intrinsics:
         columns = np.delete(layout.columns(INTRINSICS), 2)  # without the skew
-        intrinsics_covariance = inflation * solution.covariance[np.ix_(columns, columns)]
+        intrinsics_covariance = covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
         tracks=tracks,
         sigma_scale=sigma_scale,
-        observability=analyse(joint, state.gripper_T_camera, frame),
+        observability=observability,
         metres_per_world_unit=metres_per_unit,
-        metres_per_world_unit_std=metres_per_unit * float(np.sqrt(joint[6, 6])),
+        metres_per_world_unit_std=metres_per_unit * observability.log_scale_std,
         log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
         base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
         intrinsics_covariance=intrinsics_covariance,
         noise=solution.noise,
         redundancy=solution.redundancy,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=found.degrees_of_freedom,
         residuals=residuals,
         outliers=~trusted,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),

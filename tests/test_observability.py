@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.graph.observability import analyse
+from handeye_fg.observability import analyse
 
 SURE = np.diag([1e-8] * 3 + [1e-8] * 3 + [1e-8])
 
