@@ -1,0 +1,86 @@
+"""What the graph determines of X and the scale; entry point ``determined``."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handeye_fg.frames import Array
+from handeye_fg.graph.noise import Solution, degrees_of_freedom, solve
+from handeye_fg.graph.reduced import Layout, Linearised, predicted_covariance
+from handeye_fg.graph.variables import LOG_SCALE, State, camera_key
+from handeye_fg.observability import LIMITS, feigned_information, without_feigned
+
+_FEWEST = 3.0  # degrees of freedom; with two or fewer a t distribution has no covariance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Determined:
+    """The solution of the linearised problem with nothing held, and its statistics.
+
+    Attributes:
+        solution: noise levels and covariance.
+        joint: covariance (7, 7) of (X, ln metres_per_world_unit).
+        degrees_of_freedom: of the covariances, which are those of a t distribution; infinite where
+            the noise levels are known.
+        inflation: what they have been multiplied with (``joint``), or are to be (``solution``).
+    """
+
+    solution: Solution
+    joint: Array
+    degrees_of_freedom: float
+    inflation: float
+
+
+def determined(state: State, linearised: Linearised, solution: Solution) -> Determined:
+    """The covariance of X and the scale, less the information that only noise feigns.
+
+    Args:
+        state: where the problem was linearised.
+        linearised: the problem.
+        solution: gives the noise levels.
+    """
+    solution = solve(replace(linearised, held=None), solution.noise)
+    freedom = degrees_of_freedom(linearised, solution)
+    # With estimated noise levels the errors follow a t distribution; this is its covariance.
+    inflation = 1.0 if np.isinf(freedom) else max(freedom, _FEWEST) / (max(freedom, _FEWEST) - 2.0)
+    to_joint = _x_and_scale(state, linearised.layout)
+    joint = inflation * to_joint @ solution.covariance @ to_joint.T
+    variances, vectors = np.linalg.eigh(joint / np.outer(LIMITS, LIMITS))
+    predicted = predicted_covariance(linearised.robot, solution.covariance)
+    variance = np.diagonal(predicted, axis1=1, axis2=2).mean(axis=0).reshape(2, 3).mean(axis=1)
+    noise = solution.noise
+    feigned = feigned_information(
+        state.gripper_T_camera,
+        len(predicted) - 1,
+        np.sqrt(variance),
+        np.array([noise.robot_rotation, noise.robot_translation]),
+    )
+    smallest = np.finfo(float).eps * variances[-1]
+    return Determined(
+        solution=solution,
+        joint=without_feigned(1.0 / np.maximum(variances, smallest), vectors, feigned),
+        degrees_of_freedom=freedom,
+        inflation=inflation,
+    )
+
+
+def spread(world_T_camera: Array) -> float:
+    """Root mean square distance of the camera centres from their mean."""
+    return float(np.sqrt(np.mean(np.sum(_centred(world_T_camera) ** 2, axis=1))))
+
+
+def _x_and_scale(state: State, layout: Layout) -> Array:
+    """Derivative (7, d) of X's tangent and ln(spread in metres) by the shared unknowns."""
+    result = np.zeros((7, layout.dim))
+    result[np.arange(6), layout.x_columns] = 1.0
+    result[6, layout.columns(LOG_SCALE)] = 1.0
+    centred = _centred(state.world_T_camera)
+    in_camera = np.einsum("nji,nj->ni", state.world_T_camera[:, :3, :3], centred)
+    for i, gradient in enumerate(in_camera / np.sum(centred**2)):
+        result[6, layout.columns(camera_key(i))[3:]] = gradient
+    return result
+
+
+def _centred(world_T_camera: Array) -> Array:
+    centres = world_T_camera[:, :3, 3]
+    return np.asarray(centres - centres.mean(axis=0))
