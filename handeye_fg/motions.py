@@ -20,8 +20,8 @@ MIN_POSES = 2
 # images add time but hardly information.
 MAX_PAIRS = 2000
 # Distances are ranked in blocks of so many entries: memory does not grow with the square of the
-# poses, and short lists take one block.
-BLOCK = 2**17
+# poses, and blocks stay in the cache (and below the size from which BLAS starts threads).
+BLOCK = 2**14
 # Largest defect of R^T R: entries rounded to three digits still pass, a scaled or sheared matrix
 # does not.
 ROTATION_TOLERANCE = 5e-3
@@ -334,7 +334,8 @@ def _distant_pairs(
         # Squared distance less a constant of the row. Poses up to i itself come first: no partners.
         distance = square - 2.0 * features[i] @ features.T
         distance[np.arange(n) <= i[:, None]] = -np.inf
-        order = np.argsort(distance, axis=1)
+        # Stable: the default sort is slow where many values are the same.
+        order = np.argsort(distance, axis=1, kind="stable")
         # The farther half of the partners, or as many as are wanted, evenly.
         count = counts[i]
         nearest = i + 1 + np.minimum((n - 1 - i) // 2, n - 1 - i - count)

@@ -33,4 +33,4 @@ def andreff(data: PosePairs | MotionPairs) -> Solution:
     """
     # The first rotation of all methods is this one.
     motions = metric_motions(data)
-    return solution(motions, motions.R_start, translation(motions, motions.R_start))
+    return solution(motions, motions.R_start, translation(motions.moments, motions.R_start))

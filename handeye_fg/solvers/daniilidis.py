@@ -9,7 +9,7 @@ import numpy as np
 
 from handeye_fg.frames import Array
 from handeye_fg.motions import MotionPairs, PosePairs
-from handeye_fg.solvers.metric import MetricMotions, metric_motions, solution, typical_length
+from handeye_fg.solvers.metric import MetricMotions, metres_per_radian, metric_motions, solution
 from handeye_fg.solvers.solution import Solution
 
 
@@ -30,7 +30,7 @@ def daniilidis(data: PosePairs | MotionPairs) -> Solution:
         InputDataError: the rotations of robot and camera do not correspond.
     """
     motions = metric_motions(data)
-    length = typical_length(motions)
+    length = metres_per_radian(motions)
     null = _null_space(motions, length)
     u, v = null[:4], null[4:]
     # (q, q') = lambda_1 (u_1, v_1) + lambda_2 (u_2, v_2) with q . q' = 0: the quadratic form C
@@ -57,11 +57,13 @@ def _null_space(motions: MetricMotions, length: float) -> Array:
     b_dual = _dual_vectors(motions.q_B, motions.t_B / length)
     # (31): [a - b, [a + b]_x, 0, 0; a' - b', [a' + b']_x, a - b, [a + b]_x] (q, q') = 0.
     real, dual = _rows(a, b), _rows(a_dual, b_dual)
-    top = np.concatenate([real, np.zeros_like(real)], axis=2)
-    bottom = np.concatenate([dual, real], axis=2)
-    S = np.concatenate([top, bottom], axis=1) * np.sqrt(motions.weights)[:, None, None]
-    S = S.reshape(-1, 8)
-    _, vectors = np.linalg.eigh(S.T @ S)
+    # T^T T, of T = (S_1 ... S_n) in (32), from the products of its blocks.
+    blocks = np.concatenate([real, dual], axis=2)
+    weighted = blocks * motions.weights[:, None, None]
+    products = weighted.reshape(-1, 8).T @ blocks.reshape(-1, 8)
+    normal = products[:4, :4] + products[4:, 4:]
+    normal = np.block([[normal, products[4:, :4]], [products[:4, 4:], products[:4, :4]]])
+    _, vectors = np.linalg.eigh(normal)
     return np.asarray(vectors[:, :2])
 
 

@@ -11,11 +11,11 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array, exp, orthonormalised
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import (
+    in_lengths,
+    metres_per_radian,
     metric_motions,
     solution,
     translation,
-    translation_moments,
-    typical_length,
 )
 from handeye_fg.solvers.solution import Solution
 
@@ -50,17 +50,20 @@ def horaud_dornaika(data: PosePairs | MotionPairs) -> Solution:
         ConvergenceError: the minimisation did not settle.
     """
     motions = metric_motions(data)
-    length, weights = typical_length(motions), motions.weights
+    # sin(angle / 2) is half the angle where it is an error.
+    length = 2.0 * metres_per_radian(motions)
     v_A, v_B = motions.q_A[:, 1:], motions.q_B[:, 1:]
     # The closed form: the quaternion of the largest eigenvalue of sum Q(v_A)^T W(v_B) is that of
     # the rotation nearest to sum v_A v_B^T.
-    R = orthonormalised((v_A.T * weights) @ v_B)
-    t = translation(motions, R) / length
-    # Both errors are linear in R and t: the sum over the motions is condensed once.
-    none = np.zeros((len(weights), 3, 3))
-    moments = translation_moments(v_B, none, v_A, weights) + translation_moments(
-        motions.t_B / length, motions.R_A - np.eye(3), motions.t_A / length, weights
-    )
+    correlation = (v_A.T * motions.weights) @ v_B
+    R = orthonormalised(correlation)
+    t = translation(motions.moments, R) / length
+    # Both errors are linear in the rows r of R and in t: the sum over the motions is condensed into
+    # z^T G z with z = (r, -t, -1). The first error adds what v_B and v_A say of r.
+    moments = in_lengths(motions.moments, length)
+    moments[:, :3, :3] += (v_B.T * motions.weights) @ v_B
+    moments[:, :3, 6] += correlation
+    moments[:, 6, :3] += correlation
     for _ in range(MAX_STEPS):
         step = _gauss_newton_step(moments, R, t)
         R, t = R @ exp(np.concatenate([step[:3], np.zeros(3)]))[:3, :3], t + step[3:]

@@ -8,15 +8,17 @@ Here A = base_T_gripper and B = world_T_camera are poses, X = gripper_T_camera, 
 import numpy as np
 
 from handeye_fg.errors import UnobservableError
-from handeye_fg.frames import Array, orthonormalised, pose
+from handeye_fg.frames import Array, orthonormalised
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import (
-    centred_translations,
+    base_T_world,
+    centred_moments,
+    in_lengths,
     kronecker_sum,
+    metres_per_radian,
     metric_poses,
     solution,
-    translation_moments,
-    typical_length,
+    translation,
 )
 from handeye_fg.solvers.solution import Solution
 
@@ -44,13 +46,14 @@ def li(data: PosePairs | MotionPairs) -> Solution:
             three poses.
     """
     poses, motions = metric_poses(data)
-    z, x = _linear_rotations(poses, typical_length(motions))
+    moments = centred_moments(poses)
+    z, x = _linear_rotations(poses, in_lengths(moments, metres_per_radian(motions)))
     R_X, R_Z = orthonormalised(x), orthonormalised(z)
-    t_X, t_Z = centred_translations(poses, R_Z)
-    return solution(motions, R_X, t_X, pose(R_Z, t_Z))
+    t_X = translation(moments, R_Z)
+    return solution(motions, R_X, t_X, base_T_world(poses, R_Z, t_X))
 
 
-def _linear_rotations(poses: PosePairs, length: float) -> tuple[Array, Array]:
+def _linear_rotations(poses: PosePairs, moments: Array) -> tuple[Array, Array]:
     """Least squares of the paper's system of 24 unknowns: R_Z, R_X (3, 3) before orthogonalisation.
 
         [R_A kron I   -I kron R_B^T    0   0]  [vec R_X; vec R_Z; t_X; t_Z] = [0; t_A]
@@ -60,16 +63,7 @@ def _linear_rotations(poses: PosePairs, length: float) -> tuple[Array, Array]:
     vec R_X = K^T vec R_Z / n with K = sum R_A kron R_B, and t_Z takes the means out of the rest.
     """
     weights = np.asarray(poses.weights) / np.sum(np.asarray(poses.weights))
-    R_A = poses.base_T_gripper[:, :3, :3]
-    K = kronecker_sum(R_A, poses.world_T_camera[:, :3, :3], weights)
-    # R_Z t_B - R_A t_X - t_A for each row of R_Z, lengths in the given unit.
-    t_A, t_B = poses.base_T_gripper[:, :3, 3], poses.world_T_camera[:, :3, 3]
-    moments = translation_moments(
-        (t_B - weights @ t_B) / length,
-        R_A - np.tensordot(weights, R_A, axes=1),
-        (t_A - weights @ t_A) / length,
-        weights,
-    )
+    K = kronecker_sum(poses.base_T_gripper[:, :3, :3], poses.world_T_camera[:, :3, :3], weights)
     # Unknowns (vec R_Z, -t_X).
     normal, right = np.zeros((12, 12)), np.zeros(12)
     normal[:9, :9] = np.eye(9) - K @ K.T

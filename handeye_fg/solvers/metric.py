@@ -23,28 +23,36 @@ from handeye_fg.solvers.andreff_scale import (
 )
 from handeye_fg.solvers.solution import Solution
 
+# Errors (radians, or relative to the translations) below this are those of rounding: the sums of
+# squares are good to 1e-16.
+ROUNDING = 1e-7
+# How far noise may move the balance between rotations and translations from their own sizes.
+BALANCE = 100.0
+# Where (t_B, M[c], t_A[c]) stand among the columns (t_B, M by rows, t_A).
+COLUMNS = np.array([[0, 1, 2, 3 * c + 3, 3 * c + 4, 3 * c + 5, c + 12] for c in range(3)])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MetricMotions:
     """Motions A X = X B that determine X, all of weight above zero.
 
     Attributes:
-        R_A: rotations (k, 3, 3) of the robot's motions A = gi_T_gj.
-        t_A: translations (k, 3) of A, metres.
+        t_A: translations (k, 3) of the robot's motions A = gi_T_gj, metres.
         t_B: translations (k, 3) of the camera's motions B = ci_T_cj, metres.
         q_A: unit quaternions (k, 4) of A, scalar first and not negative.
-        q_B: unit quaternions (k, 4) of B, of that sign which turns them into q_A by X: at half
-            turns, where either sign of the axis is right, they still belong together.
+        q_B: unit quaternions (k, 4) of B, of that sign which X turns into q_A: at half turns, where
+            either sign of the axis is right, they still belong together.
         weights: weights (k,) of the squared residuals, of mean one.
+        moments: all that the translation equations need, (3, 7, 7): see ``translation_moments``.
         R_start: a first R_X (3, 3), by the linear equations of Andreff, Horaud and Espiau.
     """
 
-    R_A: Array
     t_A: Array
     t_B: Array
     q_A: Array
     q_B: Array
     weights: Array
+    moments: Array
     R_start: Array
 
 
@@ -84,32 +92,47 @@ def metric_poses(data: PosePairs | MotionPairs) -> tuple[PosePairs, MetricMotion
     return poses, _determining(star)
 
 
-def translation(motions: MetricMotions, R_X: Array) -> Array:
-    """t_X (3,), metres: least squares of ``(R_A - I) t_X = R_X t_B - t_A`` over the motions."""
-    return linear_translation(
-        motions.R_A - np.eye(3), motions.t_B @ R_X.T - motions.t_A, motions.weights
-    )
+def translation_moments(t_B: Array, M: Array, t_A: Array, weights: Array) -> Array:
+    """Normal matrices (3, 7, 7) of ``R t_B - M t - t_A``, one for each row c of the equation.
+
+    The residual's component c is ``d . z`` with the data d = (t_B, M[c], t_A[c]) and the unknowns
+    z = (R[c], -t, -1): its weighted sum of squares is z^T G[c] z, whatever R and t are.
+    """
+    k = len(weights)
+    data = np.concatenate([t_B, M.reshape(k, 9), t_A], axis=1)
+    everything = (data.T * weights) @ data
+    return np.asarray(everything[COLUMNS[:, :, None], COLUMNS[:, None, :]])
 
 
-def linear_translation(matrices: Array, right: Array, weights: Array) -> Array:
-    """Vector t (3,) that minimises the weighted squares of M_k t - r_k; M (k, 3, 3), r (k, 3)."""
-    rows = matrices.reshape(-1, 3)
-    weighted = rows * np.repeat(weights, 3)[:, None]
-    return np.asarray(np.linalg.solve(weighted.T @ rows, weighted.T @ right.ravel()))
+def in_lengths(moments: Array, length: float) -> Array:
+    """The moments with t_A, t_B and t measured in a length (metres)."""
+    unit = np.array([length, length, length, 1.0, 1.0, 1.0, length])
+    return np.asarray(moments / np.outer(unit, unit))
 
 
-def centred_translations(poses: PosePairs, R_Z: Array) -> tuple[Array, Array]:
-    """t_X and t_Z (3,), metres: least squares of ``R_A t_X - t_Z = R_Z t_B - t_A`` over the poses.
+def translation(moments: Array, R: Array) -> Array:
+    """The t (3,) that fits a rotation best: least squares of ``M t = R t_B - t_A``."""
+    coupling = np.einsum("cij,cj->i", moments[:, 3:6, :3], R) - np.sum(moments[:, 3:6, 6], axis=0)
+    return np.asarray(np.linalg.solve(np.sum(moments[:, 3:6, 3:6], axis=0), coupling))
+
+
+def centred_moments(poses: PosePairs) -> Array:
+    """``translation_moments`` (3, 7, 7) of ``R_Z t_B + t_Z = R_A t_X + t_A``, without t_Z.
 
     t_Z takes out the weighted means, and far origins with them.
     """
-    weights = np.asarray(poses.weights) / np.sum(np.asarray(poses.weights))
-    R_A, t_A = poses.base_T_gripper[:, :3, :3], poses.base_T_gripper[:, :3, 3]
-    t_B = poses.world_T_camera[:, :3, 3]
-    mean_R_A, mean_A, mean_B = np.tensordot(weights, R_A, axes=1), weights @ t_A, weights @ t_B
-    right = (t_B - mean_B) @ R_Z.T - (t_A - mean_A)
-    t_X = linear_translation(R_A - mean_R_A, right, weights)
-    return t_X, mean_R_A @ t_X + mean_A - R_Z @ mean_B
+    R_A, t_A, t_B, weights = _parts(poses)
+    return translation_moments(
+        t_B - weights @ t_B, R_A - np.tensordot(weights, R_A, axes=1), t_A - weights @ t_A, weights
+    )
+
+
+def base_T_world(poses: PosePairs, R_Z: Array, t_X: Array) -> Array:
+    """Z (4, 4) of its rotation, and the mean of ``t_Z = R_A t_X + t_A - R_Z t_B``."""
+    R_A, t_A, t_B, weights = _parts(poses)
+    return pose(
+        R_Z, np.tensordot(weights, R_A, axes=1) @ t_X + weights @ t_A - R_Z @ (weights @ t_B)
+    )
 
 
 def kronecker_sum(R_A: Array, R_B: Array, weights: Array) -> Array:
@@ -122,27 +145,25 @@ def kronecker_sum(R_A: Array, R_B: Array, weights: Array) -> Array:
     return np.asarray(products.reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9))
 
 
-def typical_length(motions: MetricMotions) -> float:
-    """Root mean square translation, metres; 1 if there is none.
+def metres_per_radian(motions: MetricMotions) -> float:
+    """The length that errors of translation and rotation have in common.
 
-    Methods that mix rotation and translation in one sum take lengths in this unit, so that the
-    result does not depend on the user's.
+    Methods that mix both in one sum measure lengths in it: the result depends on no unit, and the
+    noisier of the two counts less. It is the ratio of both errors of the first solution, within
+    ``BALANCE`` of the typical translation; without noise, the typical translation.
     """
-    squares = np.sum(motions.t_A**2, axis=1) + np.sum(motions.t_B**2, axis=1)
-    length = math.sqrt(0.5 * float(np.average(squares, weights=motions.weights)))
-    return length if length > 0.0 else 1.0
-
-
-def translation_moments(t_B: Array, M: Array, t_A: Array, weights: Array) -> Array:
-    """Normal matrices (3, 7, 7) of ``R t_B - M t - t_A`` for each row c of R.
-
-    Component c of the residual is ``d . z`` with the data d = (t_B, M[c], t_A[c]) and the unknowns
-    z = (R[c], -t, -1), and its weighted sum of squares z^T G[c] z.
-    """
-    k = len(t_A)
-    shared = np.broadcast_to(t_B, (3, k, 3))
-    data = np.concatenate([shared, M.transpose(1, 0, 2), t_A.T[:, :, None]], axis=2)
-    return np.asarray(np.swapaxes(data * weights[:, None], 1, 2) @ data)
+    k, moments = len(motions.weights), motions.moments
+    squares = np.trace(moments[0, :3, :3]) + np.sum(moments[:, 6, 6])
+    typical = math.sqrt(0.5 * float(squares) / k)
+    if typical == 0.0:
+        return 1.0
+    v_A, v_B = motions.q_A[:, 1:], motions.q_B[:, 1:] @ motions.R_start.T
+    # |v_A - v_B| is half the angle between the rotations, where they almost agree.
+    radians = 2.0 * math.sqrt(float(motions.weights @ np.sum((v_A - v_B) ** 2, axis=1)) / k)
+    metres = math.sqrt(_misfit(moments, motions.R_start) / k)
+    if radians < ROUNDING or metres < ROUNDING * typical:
+        return typical
+    return float(np.clip(metres / radians, typical / BALANCE, typical * BALANCE))
 
 
 def solution(
@@ -151,7 +172,7 @@ def solution(
     """X of its parts, if its rotation fits the motions.
 
     Raises:
-        InputDataError: robot and camera do not belong together.
+        InputDataError: the rotations of robot and camera are not those of one rigid body.
     """
     _require_correspondence(_agreement(motions.q_A, motions.q_B, R_X))
     return Solution(gripper_T_camera=pose(R_X, t_X), base_T_world=base_T_world)
@@ -167,30 +188,44 @@ def _determining(pairs: MotionPairs) -> MetricMotions:
     noise = _require_two_axes(q_A, q_B, weights)
     candidates = rotations_from_kronecker(pairs, max(NO_ROTATION, noise))
 
-    def prepared(R: Array) -> MetricMotions:
-        agreement = _agreement(q_A, q_B, R)
-        return MetricMotions(
-            R_A=R_A,
-            t_A=pairs.gi_T_gj[:, :3, 3],
-            t_B=pairs.ci_T_cj[:, :3, 3],
-            q_A=q_A,
-            q_B=np.copysign(1.0, agreement)[:, None] * q_B,
-            weights=weights,
-            R_start=R,
-        )
-
-    # Half turns may leave several rotations, among which the translations choose.
-    motions = min(map(prepared, candidates), key=_translation_misfit)
-    _require_correspondence(_agreement(motions.q_A, motions.q_B, motions.R_start))
-    return motions
-
-
-def _translation_misfit(motions: MetricMotions) -> float:
-    R = motions.R_start
-    residuals = (
-        (motions.R_A - np.eye(3)) @ translation(motions, R) + motions.t_A - motions.t_B @ R.T
+    moments = translation_moments(
+        pairs.ci_T_cj[:, :3, 3], R_A - np.eye(3), pairs.gi_T_gj[:, :3, 3], weights
     )
-    return float(motions.weights @ np.sum(residuals**2, axis=1))
+    # Half turns may leave several rotations, among which the translations choose.
+    R_start = candidates[0]
+    if len(candidates) > 1:
+        R_start = min(candidates, key=lambda R: _misfit(moments, R))
+    agreement = _agreement(q_A, q_B, R_start)
+    return MetricMotions(
+        t_A=pairs.gi_T_gj[:, :3, 3],
+        t_B=pairs.ci_T_cj[:, :3, 3],
+        q_A=q_A,
+        q_B=np.copysign(1.0, agreement)[:, None] * q_B,
+        weights=weights,
+        moments=moments,
+        R_start=R_start,
+    )
+
+
+def _misfit(moments: Array, R: Array) -> float:
+    """Weighted sum of squares (metres^2) that a rotation and its best translation leave.
+
+    Not less than rounding leaves: 1e-16 of the sum of the squared translations.
+    """
+    t = translation(moments, R)
+    z = np.column_stack([R, np.tile(-t, (3, 1)), -np.ones(3)])
+    return max(0.0, float(np.einsum("ci,cij,cj->", z, moments, z)))
+
+
+def _parts(poses: PosePairs) -> tuple[Array, Array, Array, Array]:
+    """R_A (n, 3, 3), t_A (n, 3), t_B (n, 3) and weights (n,) of sum one."""
+    weights = np.asarray(poses.weights)
+    return (
+        poses.base_T_gripper[:, :3, :3],
+        poses.base_T_gripper[:, :3, 3],
+        poses.world_T_camera[:, :3, 3],
+        weights / weights.sum(),
+    )
 
 
 def _agreement(q_A: Array, q_B: Array, R_X: Array) -> Array:
@@ -209,8 +244,7 @@ def _require_two(n_motions: int) -> None:
 def _require_two_axes(q_A: Array, q_B: Array, weights: Array) -> float:
     """What rotations could be by noise (radians), if they are larger and about two axes."""
     vectors = rotation_vectors(q_A)
-    angles_A = np.linalg.norm(vectors, axis=1)
-    angles_B = 2.0 * np.arccos(np.minimum(q_B[:, 0], 1.0))
+    angles_A, angles_B = 2.0 * np.arccos(np.minimum([q_A[:, 0], q_B[:, 0]], 1.0))
     # A and B turn by the same angle whatever X is; the median bears a few wrong poses.
     difference = float(np.median(np.abs(angles_A - angles_B)))
     if difference > NO_FIT:

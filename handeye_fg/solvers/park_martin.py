@@ -5,8 +5,6 @@ Transactions on Robotics and Automation 10(5), 1994. As there, A = gi_T_gj is th
 B = ci_T_cj the camera's, X = gripper_T_camera.
 """
 
-import numpy as np
-
 from handeye_fg.frames import orthonormalised, rotation_vectors
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import metric_motions, solution, translation
@@ -35,4 +33,4 @@ def park_martin(data: PosePairs | MotionPairs) -> Solution:
     # projection also gives for M of rank two (rotations about two axes).
     R_X = orthonormalised((alpha.T * motions.weights) @ beta)
     # (R_A - I) t_X = R_X t_B - t_A in the least squares sense.
-    return solution(motions, R_X, translation(motions, np.asarray(R_X)))
+    return solution(motions, R_X, translation(motions.moments, R_X))

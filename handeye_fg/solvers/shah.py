@@ -7,13 +7,15 @@ poses, X = gripper_T_camera, and Z = base_T_world is the paper's Y.
 
 import numpy as np
 
-from handeye_fg.frames import orthonormalised, pose
+from handeye_fg.frames import orthonormalised
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import (
-    centred_translations,
+    base_T_world,
+    centred_moments,
     kronecker_sum,
     metric_poses,
     solution,
+    translation,
 )
 from handeye_fg.solvers.solution import Solution
 
@@ -49,5 +51,5 @@ def shah(data: PosePairs | MotionPairs) -> Solution:
     parts = right[same] @ motions.R_start.reshape(9)
     R_X = orthonormalised((parts @ right[same]).reshape(3, 3))
     R_Z = orthonormalised((left[:, same] @ parts).reshape(3, 3))
-    t_X, t_Z = centred_translations(poses, R_Z)
-    return solution(motions, R_X, t_X, pose(R_Z, t_Z))
+    t_X = translation(centred_moments(poses), R_Z)
+    return solution(motions, R_X, t_X, base_T_world(poses, R_Z, t_X))

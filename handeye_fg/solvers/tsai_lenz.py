@@ -42,7 +42,7 @@ def tsai_lenz(data: PosePairs | MotionPairs) -> Solution:
     P = np.linalg.solve(normal, np.sum(np.cross(d, weighted), axis=0))
     R_X = _rotation(P) @ motions.R_start
     # (15): (R_gij - I) T_cg = R_cg T_cij - T_gij.
-    return solution(motions, R_X, translation(motions, R_X))
+    return solution(motions, R_X, translation(motions.moments, R_X))
 
 
 def _rotation(P: Array) -> Array:
