@@ -54,8 +54,8 @@ def log(a_T_b: Array) -> Array:
     return np.asarray(RigidTransform.from_matrix(a_T_b).as_exp_coords())
 
 
-def scaled(world_T_camera: Array, metres_per_world_unit: float) -> Array:
-    """Poses (..., 4, 4) with their translations multiplied by the scale."""
+def scaled(world_T_camera: Array, metres_per_world_unit: float | Array) -> Array:
+    """Poses (..., 4, 4) with their translations multiplied by the scale, or by scales (..., 1)."""
     result = np.array(world_T_camera, dtype=np.float64)
     result[..., :3, 3] *= metres_per_world_unit
     return result
@@ -100,9 +100,10 @@ def rotation_angle(rotation: Array) -> Array:
 
 
 def orthonormalised(rotation: Array) -> Array:
-    """The rotation matrix nearest to a 3x3 matrix in the Frobenius norm."""
+    """The rotation matrices nearest to matrices (..., 3, 3) in the Frobenius norm."""
     u, _, vt = np.linalg.svd(rotation)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
+    return np.asarray(u @ vt)
 
 
 def quaternion_xyzw(rotation: Array) -> Array:
