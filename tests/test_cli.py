@@ -49,10 +49,11 @@ class Calibration:
         options: Options | None = None,
         *,
         output: Path | None = None,
+        target: Path | None = None,
         progress: Callable[[str, int, int | None], None],
     ) -> Result:
         self.asked = {"images": images, "poses": poses, "camera": camera, "masks": masks}
-        self.asked |= {"options": options, "output": output}
+        self.asked |= {"options": options, "output": output, "target": target}
         for done in range(3):
             progress("images", done, 2)
         progress("iterations", 1, None)

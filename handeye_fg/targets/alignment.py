@@ -84,26 +84,22 @@ def _aligned(model: SfmModel, board: BoardPoses) -> tuple[_Similarity, set[str]]
     # The image that most others agree with: its half of the images gives the first similarity.
     agree = apart[np.median(apart, axis=1).argmin()] <= _SAME_ROTATION
     least = max(FEWEST_SHARED, _MAJORITY * len(shared))
-    first = _similarity(sfm[agree], pnp[agree], turns[agree])
-    if first is None or np.count_nonzero(agree) < least:
-        return None
-    agree = _same(first.poses(sfm), pnp)
     if np.count_nonzero(agree) < least:
         return None
     similarity = _similarity(sfm[agree], pnp[agree], turns[agree])
-    if similarity is None:
+    agree = _same(similarity.poses(sfm), pnp)
+    if similarity.scale <= 0.0 or np.count_nonzero(agree) < least:  # a world turned inside out
         return None
+    similarity = _similarity(sfm[agree], pnp[agree], turns[agree])
     return similarity, {name for name, same in zip(shared, agree, strict=True) if not same}
 
 
-def _similarity(sfm: Array, pnp: Array, turns: Array) -> _Similarity | None:
-    """The similarity that carries poses (n, 4, 4) to others; None where no positive scale does."""
+def _similarity(sfm: Array, pnp: Array, turns: Array) -> _Similarity:
+    """The similarity that best carries poses (n, 4, 4) to others, rotations by their mean ``turns``."""
     rotation = frames.orthonormalised(turns.mean(axis=0))
     source, wanted = sfm[:, :3, 3] @ rotation.T, pnp[:, :3, 3]
     centred = source - source.mean(axis=0)
     scale = float(np.sum(centred * (wanted - wanted.mean(axis=0))) / np.sum(centred**2))
-    if scale <= 0.0:
-        return None
     translation = wanted.mean(axis=0) - scale * source.mean(axis=0)
     return _Similarity(rotation=rotation, translation=translation, scale=scale)
 

@@ -47,24 +47,23 @@ def agreeing(
         if total < least:
             chosen, least = list(start), total
     picked = np.array(chosen)
+
+    def mean_misfit(rows: Indices) -> Array:
+        """Of possible poses against the chosen ones of the other images."""
+        others = picked[owner[picked] != owner[rows[0]]]
+        return np.asarray(misfit[np.ix_(rows, others)].sum(axis=1) / max(n - 1, 1))
+
     for _ in range(_MAX_SWEEPS):
         before = picked.copy()
-        for rows in of_image:
-            picked[owner[rows[0]]] = rows[misfit[np.ix_(rows, picked)].sum(axis=1).argmin()]
+        for i, rows in enumerate(of_image):
+            picked[i] = rows[mean_misfit(rows).argmin()]
         if np.array_equal(before, picked):
             break
-
-    mean = misfit[:, picked].sum(axis=1) / max(n - 1, 1)
-    decided = np.array(
-        [
-            all(
-                mean[row] > mean[picked[i]] + _MARGIN
-                for row in rows
-                if camera[row, picked[i]] > _OTHER_POSE
-            )
-            for i, rows in enumerate(of_image)
-        ]
-    )
+    decided = np.ones(n, dtype=bool)
+    for i, rows in enumerate(of_image):
+        others = rows[camera[rows, picked[i]] > _OTHER_POSE]
+        if len(others):
+            decided[i] = mean_misfit(others).min() > mean_misfit(picked[i : i + 1])[0] + _MARGIN
     return picked - np.array([rows[0] for rows in of_image]), decided
 
 

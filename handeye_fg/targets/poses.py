@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError, ReconstructionError
@@ -28,6 +27,7 @@ _LINE = 0.02
 # Corners farther from their prediction are strays: of Gaussian ones 0.03 % are; the error of a corner
 # is not taken to be smaller than the second figure (pixels), that of ideal images.
 _STRAY_SIGMAS, _FINEST_PX = 4.0, 0.02
+_NO_FIT = "the target's corners do not fit its pattern"
 _UNDECIDED = (
     "the target looks the same from several sides, and the robot's motion does not tell which it is"
 )
@@ -110,44 +110,63 @@ def place_on_board(
     view, pixels, _ = pinhole_view(_invertible(camera), detections.pixels)
     undistorted = replace(detections, pixels=pixels)
     corners = corners_target(target.pattern)
-    poses, turns, errors = [], [], []
-    for i in range(len(detections.names)):
-        numbers, seen = undistorted.of(i)
-        found = [
-            (error, turn, pose)
-            for turn, numbering in enumerate(numberings)
-            for error, pose in _possible_poses(corners[numbering[numbers]], seen, view)
-        ]
-        errors.append(np.array([error for error, _, _ in found]))
-        turns.append(np.array([turn for _, turn, _ in found], dtype=np.int64))
-        poses.append(np.array([pose for _, _, pose in found]).reshape(-1, 4, 4))
+    turns = np.array([_turn(corners, corners[numbering]) for numbering in numberings])
+    seen = [undistorted.of(i) for i in range(len(detections.names))]
+    found = [_possible(corners[numbers], at, view) for numbers, at in seen]
     limit = _WORST_RMS * camera.width
-    fits = [len(error) > 0 and error.min() <= limit for error in errors]
-    if not any(fits):
-        least = min((error.min() for error in errors if len(error)), default=float("nan"))
+    fits = np.array([len(one.errors) > 0 and one.errors[0] <= limit for one in found])
+    if not fits.any():
         raise ReconstructionError(
-            f"the target in the images is not that of the target file: its corners are {least:.0f} px "
-            f"(root mean square) or more from where they should be in all {len(fits)} images that show "
-            "it; check the counts, the ratio of the lengths, and the intrinsics"
+            "the target in the images is not that of the target file: in none of the "
+            f"{len(fits)} images that show it are its corners within {limit:.1f} px (root mean square) "
+            "of where they should be; check the counts, the ratio of the lengths, and the intrinsics"
         )
     placed = np.flatnonzero(fits)
-    robot = None if base_T_gripper is None else base_T_gripper[placed]
-    chosen, decided = _chosen(robot, [poses[i] for i in placed], [errors[i] for i in placed])
-    reasons = {
-        **{
-            i: "the target's corners do not fit its pattern"
-            for i in range(len(fits))
-            if not fits[i]
-        },
-        **dict.fromkeys(placed[~decided], _UNDECIDED),
-    }
-    kept = [(int(i), int(c)) for i, c, sure in zip(placed, chosen, decided, strict=True) if sure]
+    candidates = [_turned(turns, found[i].target_T_camera) for i in placed]
+    if base_T_gripper is None:  # without turns: the first is the best
+        chosen, decided = np.zeros(len(placed), np.int64), np.ones(len(placed), dtype=bool)
+    else:
+        chosen, decided = agreeing(base_T_gripper[placed], candidates)
+    reasons = dict.fromkeys(np.flatnonzero(~fits), _NO_FIT)
+    reasons |= dict.fromkeys(placed[~decided], _UNDECIDED)
+    kept = np.flatnonzero(decided)
+    sides = [divmod(int(chosen[k]), len(found[placed[k]].errors)) for k in kept]
     return BoardPoses(
-        detections=_renumbered(detections, [(i, numberings[turns[i][c]]) for i, c in kept]),
-        target_T_camera=np.array([poses[i][c] for i, c in kept]).reshape(-1, 4, 4),
-        rms_px=np.array([errors[i][c] for i, c in kept]),
+        detections=_renumbered(
+            detections,
+            [(int(placed[k]), numberings[turn]) for k, (turn, _) in zip(kept, sides, strict=True)],
+        ),
+        target_T_camera=np.array([candidates[k][chosen[k]] for k in kept]).reshape(-1, 4, 4),
+        rms_px=np.array(
+            [found[placed[k]].errors[side] for k, (_, side) in zip(kept, sides, strict=True)]
+        ),
         left_out=tuple((detections.names[i], reason) for i, reason in sorted(reasons.items())),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Possible:
+    """Poses from which an image may have been taken, best first.
+
+    Attributes:
+        errors: root mean square (h,) in pixels.
+        target_T_camera: (h, 4, 4).
+    """
+
+    errors: Array
+    target_T_camera: Array
+
+
+def _turn(corners: Array, turned: Array) -> Array:
+    """The motion (4, 4) that carries the corners (k, 3) of a target to others of them."""
+    middle = corners.mean(axis=0)
+    rotation = frames.orthonormalised((turned - middle).T @ (corners - middle))
+    return frames.pose(rotation, middle - rotation @ middle)
+
+
+def _turned(turns: Array, target_T_camera: Array) -> Array:
+    """Poses (r * h, 4, 4): for each of the turns (r, 4, 4) all poses (h, 4, 4)."""
+    return np.asarray((turns[:, None] @ target_T_camera[None]).reshape(-1, 4, 4))
 
 
 def _invertible(camera: CameraModel) -> CameraModel:
@@ -155,7 +174,7 @@ def _invertible(camera: CameraModel) -> CameraModel:
     return camera if covers_image(camera) else fitted_opencv(camera)[0]
 
 
-def _possible_poses(corners: Array, pixels: Array, view: CameraModel) -> list[tuple[float, Array]]:
+def _possible(corners: Array, pixels: Array, view: CameraModel) -> _Possible:
     """Poses from which a plane looks as in the image: the best, and the other side where it fits too.
 
     Args:
@@ -163,13 +182,11 @@ def _possible_poses(corners: Array, pixels: Array, view: CameraModel) -> list[tu
         pixels: where they are seen (c, 2).
         view: a PINHOLE camera.
 
-    Returns:
-        Error (root mean square, pixels) and target_T_camera (4, 4), best first; none where the
-        corners lie on a line.
+    There is none where the corners lie on a line.
     """
     spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
     if spread[1] < _LINE * spread[0]:
-        return []
+        return _Possible(errors=np.empty(0), target_T_camera=np.empty((0, 4, 4)))
     K = np.diag([*view.params[:2], 1.0])
     K[:2, 2] = view.params[2:]
     _, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -182,7 +199,11 @@ def _possible_poses(corners: Array, pixels: Array, view: CameraModel) -> list[tu
         for rotation, translation in zip(rotations, translations, strict=True)
     ]
     found.sort(key=lambda pair: pair[0])
-    return [pair for pair in found if pair[0] <= _OTHER_SIDE * found[0][0]]
+    fitting = [pair for pair in found if pair[0] <= _OTHER_SIDE * found[0][0]]
+    return _Possible(
+        errors=np.array([error for error, _ in fitting]),
+        target_T_camera=np.array([pose for _, pose in fitting]),
+    )
 
 
 def _without_strays(
@@ -207,16 +228,6 @@ def _without_strays(
         used &= near
     camera_T_target = frames.pose(np.asarray(cv2.Rodrigues(rotation)[0]), translation.ravel())
     return float(np.sqrt(np.mean(length[used] ** 2))), frames.inverse(camera_T_target)
-
-
-def _chosen(
-    base_T_gripper: Array | None, poses: Sequence[Array], errors: Sequence[Array]
-) -> tuple[Indices, NDArray[np.bool_]]:
-    """For each image the index of its pose, and whether that is decided."""
-    if base_T_gripper is None:
-        best = np.array([error.argmin() for error in errors])
-        return best, np.ones(len(best), dtype=bool)
-    return agreeing(base_T_gripper, poses)
 
 
 def _renumbered(detections: Detections, numbering: Sequence[tuple[int, Indices]]) -> Detections:
