@@ -1,0 +1,254 @@
+"""The best answer from poses alone: both noises modelled, estimated and told apart; ``pose_graph``.
+
+Unknowns are the true poses, X, Z and the scale. The robot's poses are measurements with noise, and so
+are the camera's: each with an error of its own (poses from a target, from structure from motion), or
+each motion with one, so that errors accumulate (odometry); the scale may drift. Which of these it is
+the restricted likelihood tells. Noise levels and the graph's optimum are found in turn.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L
+from scipy import linalg, stats
+
+from handeye_fg.frames import Array, inverse, log, scaled
+from handeye_fg.graph.measurements import held_graph, joined, known_x_graph
+from handeye_fg.graph.poses.fit import Fit, Problem, Rows, State, fitted
+from handeye_fg.graph.poses.measurements import (
+    CameraNoise,
+    Component,
+    NoiseModel,
+    camera_measurements,
+    robot_measurements,
+)
+from handeye_fg.graph.variables import GRIPPER_T_CAMERA
+from handeye_fg.motions import MotionPairs, PosePairs
+from handeye_fg.observability import LIMITS, WIDE, feigned_information, without_feigned
+from handeye_fg.options import NoiseOptions, Prior
+from handeye_fg.types import LinearStart
+
+# A robot pose as improbable as this among n good ones (over n) disagrees.
+_FALSE_ALARM = 1e-2
+_MOST = 0.5  # of the poses that may be left out
+_MAX_ROUNDS = 12
+_FEWEST = 3.0  # degrees of freedom from which a t distribution has a usable variance
+_CONCERNED = 0.1  # part of a free direction from which X is concerned
+_HELD_SCALE = 1e-3  # of the logarithm of a scale that is kept where it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseGraph:
+    """An optimum over poses.
+
+    Attributes:
+        gripper_T_camera, base_T_world: X and Z (4, 4), metres; Z = X where motions were given.
+        metres_per_world_unit: the scale; where it drifts, at the first pose.
+        covariance: (7, 7) of (X, ln scale), order (rotation, translation, ln scale), right
+            perturbation: that of a t distribution with ``degrees_of_freedom``.
+        degrees_of_freedom: effective, of the estimated noise levels.
+        noise: standard deviation of each component: radians, metres (camera: world units), and of
+            the logarithm of the scale from pose to pose.
+        model: what kind of noise the camera has.
+        residuals: (n, 6) of the robot poses in the gripper frame, camera poses taken as measured.
+        outliers: whether each pose (n,) disagrees with the others and was left out.
+        converged: whether rounds and optimisation ended before their limits.
+    """
+
+    gripper_T_camera: Array
+    base_T_world: Array
+    metres_per_world_unit: float
+    covariance: Array
+    degrees_of_freedom: float
+    noise: Mapping[Component, float]
+    model: NoiseModel
+    residuals: Array
+    outliers: Rows
+    converged: bool
+
+
+def pose_graph(
+    data: PosePairs | MotionPairs,
+    start: LinearStart,
+    *,
+    scale_known: bool = False,
+    inverted: bool = False,
+    camera_noise: CameraNoise | None = None,
+    trusted: Rows | None = None,
+    noise: NoiseOptions | None = None,
+    priors: Sequence[Prior] = (),
+    free: Array | None = None,
+) -> PoseGraph:
+    """Refine X, Z, the scale and the true poses together, and estimate the noise with them.
+
+    Args:
+        data: poses of robot and camera, in the order in which they were taken; or motions, whose
+            errors are taken as independent. Weights are not used but for zero: such rows are left
+            out. The noise levels are found from the data.
+        start: first values.
+        scale_known: whether the camera's translations are in metres.
+        inverted: the robot's poses are gripper_T_base (eye-to-hand).
+        camera_noise: None: told from the data.
+        trusted: rows (n,) to begin with; later each row that fits is used. None: all.
+        noise: the robot's levels, where they are known.
+        priors: what is known of X beforehand.
+        free: orthonormal columns (7, k), in units of ``observability.LIMITS``: directions of
+            (X, ln scale) that the motions leave free; there the start is kept.
+
+    Raises:
+        InputDataError: fewer poses than unknowns need.
+        ConvergenceError: no finite optimum.
+        ValueError: the start of poses has no base_T_world.
+    """
+    if isinstance(data, MotionPairs):
+        A, B = data.gi_T_gj, data.ci_T_cj
+    else:
+        A, B = data.base_T_gripper, data.world_T_camera
+    base_T_world = start.gripper_T_camera if isinstance(data, MotionPairs) else start.base_T_world
+    if base_T_world is None:
+        raise ValueError(f"{start.base_T_world=} but expected a pose")
+    usable = np.asarray(data.weights) > 0.0
+    unit = start.metres_per_world_unit
+    problem = Problem(
+        base_T_gripper=A,
+        world_T_camera=scaled(B, unit),
+        are_motions=isinstance(data, MotionPairs),
+        inverted=inverted,
+        scale_known=scale_known,
+        priors=joined([_wide_prior(start.gripper_T_camera), known_x_graph(priors)]),
+        held=_held(start.gripper_T_camera, np.zeros((7, 0)) if free is None else free),
+        given=_given(noise or NoiseOptions()),
+    )
+    first = State(
+        world_T_camera=problem.world_T_camera,
+        gripper_T_camera=start.gripper_T_camera,
+        base_T_world=base_T_world,
+        log_scale=np.zeros(len(A)),
+    )
+    rows = usable if trusted is None else usable & trusted
+    best = min(
+        (fitted(problem, first, rows, model) for model in _candidates(problem, camera_noise)),
+        key=lambda fit: fit.deviance,
+    )
+    if best.model.scale == "drifting":
+        constant = fitted(problem, first, rows, replace(best.model, scale="free"))
+        best = min(best, constant, key=lambda fit: fit.deviance)
+    if best.model.camera == "independent":
+        best, rows = _with_fitting_rows(problem, first, best, rows, usable)
+    return _result(problem, best, rows, usable, unit)
+
+
+def _candidates(problem: Problem, camera_noise: CameraNoise | None) -> list[NoiseModel]:
+    """Noise models to choose from, each with the freest scale."""
+    if problem.are_motions:
+        return [NoiseModel(camera="independent", scale="known" if problem.scale_known else "free")]
+    kinds: tuple[CameraNoise, ...] = ("independent", "odometry")
+    return [
+        NoiseModel(camera=kind, scale="known" if problem.scale_known else "drifting")
+        for kind in (kinds if camera_noise is None else (camera_noise,))
+    ]
+
+
+def _given(noise: NoiseOptions) -> dict[Component, float]:
+    """The user's levels."""
+    given: dict[Component, float] = {}
+    if noise.robot_rotation_deg is not None:
+        given["robot_rotation"] = float(np.deg2rad(noise.robot_rotation_deg))
+    if noise.robot_translation_mm is not None:
+        given["robot_translation"] = 1e-3 * noise.robot_translation_mm
+    return given
+
+
+def _with_fitting_rows(
+    problem: Problem, first: State, fit: Fit, rows: Rows, usable: Rows
+) -> tuple[Fit, Rows]:
+    """The fit to all poses that agree with it, whatever rows it began with."""
+    allowed = int(_MOST * np.count_nonzero(usable))
+    for _ in range(_MAX_ROUNDS):
+        squares = _squares(problem, fit, rows)
+        freedom = fit.freedom
+        limit = 6.0 * float(stats.f.isf(_FALSE_ALARM / len(usable), 6, freedom))
+        best = np.sort(squares[usable])[-allowed - 1]
+        fitting = usable & (squares <= max(limit, best))
+        if np.array_equal(fitting, rows):
+            break
+        rows = fitting
+        fit = fitted(problem, first, rows, fit.model)
+    return fit, rows
+
+
+def _residuals(problem: Problem, fit: Fit, rows: Rows) -> tuple[Array, Array]:
+    """Residuals (n, 6) of all robot poses at the measured camera poses, and the scales (n,)."""
+    state = fit.state
+    scale = np.exp(np.interp(np.arange(len(rows)), np.flatnonzero(rows), state.log_scale))
+    metric = np.array(problem.world_T_camera)
+    metric[:, :3, 3] *= scale[:, None]
+    predicted = state.base_T_world @ metric @ inverse(state.gripper_T_camera)
+    return log(inverse(problem.base_T_gripper) @ predicted), scale
+
+
+def _squares(problem: Problem, fit: Fit, rows: Rows) -> Array:
+    """Mahalanobis squares (n,) of robot against camera poses, each with an error of its own."""
+    residuals, scales = _residuals(problem, fit, rows)
+    robot = robot_measurements(problem.base_T_gripper, fit.model.scale, inverted=problem.inverted)
+    camera = camera_measurements(problem.world_T_camera)
+    to_gripper = gtsam.Pose3(fit.state.gripper_T_camera).AdjointMap()
+    squares = []
+    for residual, scale, r, c in zip(residuals, scales, robot, camera, strict=True):
+        seen = to_gripper * np.repeat([1.0, scale], 3)
+        covariance = r.covariance(fit.sigmas) + seen @ c.covariance(fit.sigmas) @ seen.T
+        squares.append(residual @ np.linalg.solve(covariance, residual))
+    return np.array(squares)
+
+
+def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -> PoseGraph:
+    """The optimum in the units of the input."""
+    freedom = fit.freedom
+    enough = max(freedom, _FEWEST)
+    in_world_units = ("camera_across", "camera_along", "odometry_translation")
+    return PoseGraph(
+        gripper_T_camera=fit.state.gripper_T_camera,
+        base_T_world=fit.state.base_T_world,
+        metres_per_world_unit=unit * float(np.exp(fit.state.log_scale[0])),
+        covariance=_covariance(fit, int(np.count_nonzero(rows)), enough / (enough - 2.0)),
+        degrees_of_freedom=freedom,
+        noise={
+            name: sigma / unit if name in in_world_units else sigma
+            for name, sigma in fit.sigmas.items()
+        },
+        model=fit.model,
+        residuals=_residuals(problem, fit, rows)[0],
+        outliers=usable & ~rows,
+        converged=fit.converged,
+    )
+
+
+def _covariance(fit: Fit, n: int, inflation: float) -> Array:
+    """That of a t distribution, less the information that only noise feigns."""
+    variances, vectors = np.linalg.eigh(
+        inflation * fit.estimate.covariance / np.outer(LIMITS, LIMITS)
+    )
+    # Robot and camera noise together are both the error of the motions and that of the residuals.
+    rotations = [s for name, s in fit.sigmas.items() if name.endswith("rotation")]
+    distances = [s for name, s in fit.sigmas.items() if not name.endswith(("rotation", "drift"))]
+    std = np.array([np.linalg.norm(rotations), np.linalg.norm(distances)])
+    feigned = feigned_information(fit.state.gripper_T_camera, n - 1, std, std)
+    return without_feigned(1.0 / variances, vectors, feigned)
+
+
+def _wide_prior(gripper_T_camera: Array) -> gtsam.NonlinearFactorGraph:
+    """Keeps X finite where the motions leave it free, without weight elsewhere."""
+    graph = gtsam.NonlinearFactorGraph()
+    model = gtsam.noiseModel.Diagonal.Sigmas(WIDE[:6])
+    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(gripper_T_camera), model)
+    return graph
+
+
+def _held(gripper_T_camera: Array, free: Array) -> gtsam.NonlinearFactorGraph:
+    """Keeps X, and where X is not concerned the scale, at the start along free directions."""
+    graph = held_graph(gripper_T_camera, linalg.orth(free[:6], rcond=_CONCERNED))
+    if np.any(np.linalg.norm(free[:6], axis=0) < _CONCERNED):
+        graph.addPriorDouble(L(0), 0.0, gtsam.noiseModel.Isotropic.Sigma(1, _HELD_SCALE))
+    return graph
