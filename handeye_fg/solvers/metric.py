@@ -196,6 +196,7 @@ def _determining(pairs: MotionPairs) -> MetricMotions:
     if len(candidates) > 1:
         R_start = min(candidates, key=lambda R: _misfit(moments, R))
     agreement = _agreement(q_A, q_B, R_start)
+    _require_correspondence(np.abs(agreement))
     return MetricMotions(
         t_A=pairs.gi_T_gj[:, :3, 3],
         t_B=pairs.ci_T_cj[:, :3, 3],
