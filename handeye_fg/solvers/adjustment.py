@@ -37,6 +37,7 @@ _PRIOR_SIGMAS = np.array([np.deg2rad(0.02), 1e-4])
 _FINEST = 1e-6
 _MAX_STEPS = 60
 _SETTLED_STEP = 1e-10  # in units of the limits; the next step is a hundred times smaller
+_STEADY_LEVEL = 0.2  # logarithm of a ratio
 _SETTLED_LEVEL = 0.01  # relative; the levels' own uncertainty is larger
 
 
@@ -122,8 +123,10 @@ def settle(
         within, step = _determined(reduced, covariance, state, priors, dims)
         sigmas = _levels(poses, reduced, within)
         change = float(np.max(np.abs(np.log(sigmas / state.sigmas))))
-        state = _moved(state, step * move, reduced, sigmas, covariance)
-        if np.max(np.abs(step * move) / LIMITS) < _SETTLED_STEP and change < _SETTLED_LEVEL:
+        # What is free is known once the noise is: no step before.
+        step *= move and change < _STEADY_LEVEL
+        state = _moved(state, step, reduced, sigmas, covariance)
+        if np.max(np.abs(step) / LIMITS) < _SETTLED_STEP and change < _SETTLED_LEVEL:
             break
     return state
 

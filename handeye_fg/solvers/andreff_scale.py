@@ -9,10 +9,8 @@ known as u_B up to a factor of the whole sequence, t_B = lambda u_B:
     R_A R_X = R_X R_B                                        (rotation)
     (R_A - I) t_X - lambda R_X u_B = -t_A                    (translation)
 
-Step 1 finds R_X and keeps it orthogonal; step 2 is linear in (t_X, lambda). Where the rotations
-share one axis or vanish, the rotation equations leave R_X free about that axis or altogether; R_X
-is then completed from the translations (the paper's theorems 1 and 2 and its section on planar
-motions), and what t_X lacks is set to zero: the minimum-norm solution.
+Step 1 finds R_X and keeps it orthogonal; step 2 is linear in (t_X, lambda). The rotations must turn
+about two axes or more; ``partial`` answers for motions of every other kind.
 """
 
 import math
@@ -20,15 +18,8 @@ import math
 import numpy as np
 
 from handeye_fg.errors import InputDataError, UnobservableError
-from handeye_fg.frames import Array, orthonormalised, rotation_angle
-from handeye_fg.motions import (
-    AxisSpread,
-    MotionPairs,
-    PosePairs,
-    as_motions,
-    axis_spread,
-    with_weight,
-)
+from handeye_fg.frames import Array, orthonormalised, pose, rotation_angle
+from handeye_fg.motions import MotionPairs, PosePairs, as_motions, axis_spread, with_weight
 from handeye_fg.solvers.solution import Solution
 
 # Rotations smaller than this (rms, radians) are taken for noise of a translating robot, however
@@ -53,15 +44,10 @@ NEGATIVE_SCALE = (
     "convention (inverted, transposed, wrong units, or rows shifted against the images); "
     "check the pose format and that each image has its own pose"
 )
-# Least over greatest extent of the translations above which they tell a rotation from a reflection.
-SOLID = 0.1
 
 
 def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
     """Solve A X = X B with an unknown scale of B's translations (method M5).
-
-    Components of t_X that the motions leave free (along the axis that all rotations share; all of
-    t_X if nothing rotates) are returned as zero.
 
     Args:
         data: robot motions A = gi_T_gj in metres, camera motions B = ci_T_cj in world units (prefer
@@ -71,36 +57,21 @@ def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
         X = gripper_T_camera and metres_per_world_unit (the paper's lambda).
 
     Raises:
-        InputDataError: the scale came out negative: the poses follow another convention.
-        UnobservableError: R_X or the scale cannot be found from these motions: pure rotations,
-            one motion, translations along one line, or poses that are all the same.
+        InputDataError: the scale came out negative, or the rotations are not those of one rigid
+            body: the poses follow another convention.
+        UnobservableError: the poses are all the same, the rotations share one axis or vanish, or
+            the gripper does not move, so that something of X or the scale is not determined.
     """
     pairs = with_weight(as_motions(data))
-    if len(pairs) < 2:
-        raise UnobservableError(
-            f"{len(pairs)} motion(s) cannot determine the camera on the gripper: "
-            "two with different rotation axes are needed, ten or more poses are advised"
-        )
     require_motion(pairs)
-    spread = axis_spread(pairs)
-    noise = SIGNIFICANT * rotation_noise(pairs)
-    if spread.rms_rotation[0] < max(NO_ROTATION, noise):
-        R_X = _rotation_from_translations(pairs)
-        found = np.zeros((3, 0))
-    elif spread.rms_rotation[1] < max(ONE_AXIS * spread.rms_rotation[0], noise):
-        R_X = _rotation_about_one_axis(pairs, spread)
-        found = spread.axes[:, 1:]
-    else:
-        found = np.eye(3)
-        R_X = min(
-            rotations_from_kronecker(pairs, max(NO_ROTATION, noise)),
-            key=lambda R: translation_equations(pairs, R, found)[2],
-        )
-    t_X, metres_per_world_unit = _translation_and_scale(pairs, R_X, found)
-    X = np.eye(4)
-    X[:3, :3] = R_X
-    X[:3, 3] = t_X
-    return Solution(gripper_T_camera=X, metres_per_world_unit=metres_per_world_unit)
+    noise = max(NO_ROTATION, SIGNIFICANT * rotation_noise(pairs))
+    _require_two_axes(pairs, noise)
+    R_X = min(
+        rotations_from_kronecker(pairs, noise),
+        key=lambda R: translation_equations(pairs, R, np.eye(3))[2],
+    )
+    t_X, metres_per_world_unit = _translation_and_scale(pairs, R_X)
+    return Solution(gripper_T_camera=pose(R_X, t_X), metres_per_world_unit=metres_per_world_unit)
 
 
 def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
@@ -182,98 +153,22 @@ def rotation_noise(pairs: MotionPairs) -> float:
     return float(np.median(np.abs(angles_A - angles_B))) / NORMAL_MEDIAN
 
 
-def _rotation_from_translations(pairs: MotionPairs) -> Array:
-    """R_X from translations t_A = lambda R_X u_B alone (theorems 1 and 2): orthogonal Procrustes.
-
-    Raises:
-        UnobservableError: all translations lie on one line.
-        InputDataError: the translations are mirror images of each other.
-    """
-    t_A, u_B = pairs.gi_T_gj[:, :3, 3], pairs.ci_T_cj[:, :3, 3]
-    correlation = (t_A.T * np.asarray(pairs.weights)) @ u_B
-    singular = np.linalg.svd(correlation, compute_uv=False)
-    if singular[1] < ONE_AXIS**2 * singular[0] or singular[0] == 0.0:
+def _require_two_axes(pairs: MotionPairs, noise: float) -> None:
+    """Refuse rotations that vanish or share one axis, within the noise (radians)."""
+    rms = axis_spread(pairs).rms_rotation
+    remedy = "add poses that turn it by 20 degrees or more about two different axes"
+    if rms[0] < noise:
         raise UnobservableError(
-            "the robot never turned and moved along one line only: the camera's orientation about "
-            "that line is not determined. Add poses that turn the gripper by 20 degrees or more "
-            "about two different axes"
+            f"the gripper never turned, so the camera's position is not determined: {remedy}"
         )
-    if np.linalg.det(correlation) < 0.0 and singular[2] > SOLID**2 * singular[0]:
-        raise InputDataError(NEGATIVE_SCALE)
-    return orthonormalised(correlation)
-
-
-def _rotation_about_one_axis(pairs: MotionPairs, spread: AxisSpread) -> Array:
-    """R_X where all rotations share one axis: that axis, and a turn about it from translations.
-
-    With n the axis in the gripper frame, m in the camera frame and R_0 any rotation that takes m
-    to n, R_X = Rot(n, phi) R_0. Across the axis the translation equation reads
-
-        (R_A - I) t_X - a v - b (n x v) = -t_A,   v = R_0 u_B,   (a, b) = lambda (cos, sin)(phi)
-
-    which is linear in (t_X, a, b).
-
-    Raises:
-        UnobservableError: a and b cannot be told from zero: the translations do not determine phi.
-    """
-    R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
-    n, plane = spread.axes[:, 0], spread.axes[:, 1:]
-    R_0 = _rotation_taking(_camera_axis(pairs, n), n)
-    v = pairs.ci_T_cj[:, :3, 3] @ R_0.T
-    columns = np.concatenate(
-        [(R_A - np.eye(3)) @ plane, -v[:, :, None], -np.cross(n, v)[:, :, None]], axis=2
-    )
-    # The two components across the axis.
-    across = np.einsum("xp,kxc->kpc", plane, columns).reshape(-1, 4)
-    solution, covariance, _ = least_squares(across, -(t_A @ plane).reshape(-1), pairs)
-    ab = solution[2:]
-    if not np.linalg.norm(ab) > SIGNIFICANT * math.sqrt(np.trace(covariance[2:, 2:])):
+    if rms[1] < max(ONE_AXIS * rms[0], noise):
         raise UnobservableError(
-            "all rotations share one axis and the gripper hardly moves across it: the camera's "
-            "orientation about that axis and the scale are not determined. Add poses that turn "
-            "the gripper by 20 degrees or more about another axis, and that move it"
+            "all rotations of the gripper share one axis, so the camera's position along it is not "
+            f"determined: {remedy}"
         )
-    c, s = ab / np.linalg.norm(ab)
-    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
-    turn = c * np.eye(3) + s * cross + (1.0 - c) * np.outer(n, n)
-    return orthonormalised(turn @ R_0)
 
 
-def _camera_axis(pairs: MotionPairs, n: Array) -> Array:
-    """The common axis of the camera's rotations, with the sense of the gripper's axis n.
-
-    sin(angle) axis is the vector of the antisymmetric part; where all angles are 180 degrees it
-    vanishes and either sense of the axis fits the rotations.
-    """
-    R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
-    # R_B + R_B^T = 2 cos I + 2 (1 - cos) m m^T: m is the strongest eigenvector of the sum.
-    mean = np.tensordot(np.asarray(pairs.weights), R_B, axes=1)
-    _, vectors = np.linalg.eigh(mean + mean.T)
-    m = np.asarray(vectors[:, -1])
-    agreement = np.sum((_antisymmetric(R_A) @ n) * (_antisymmetric(R_B) @ m) * pairs.weights)
-    return m if agreement >= 0.0 else -m
-
-
-def _antisymmetric(R: Array) -> Array:
-    """sin(angle) axis (k, 3) of rotation matrices (k, 3, 3)."""
-    return 0.5 * np.stack(
-        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
-    )
-
-
-def _rotation_taking(m: Array, n: Array) -> Array:
-    """A rotation matrix that takes the unit vector m to the unit vector n."""
-
-    def with_first_column(vector: Array) -> Array:
-        q, _ = np.linalg.qr(np.column_stack([vector, np.eye(3)]))
-        q[:, 0] = vector
-        q[:, 2] = np.cross(q[:, 0], q[:, 1])
-        return q
-
-    return with_first_column(n) @ with_first_column(m).T
-
-
-def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tuple[Array, float]:
+def _translation_and_scale(pairs: MotionPairs, R_X: Array) -> tuple[Array, float]:
     """Step 2: ``[R_A - I, -R_X u_B] [t_X; lambda] = -t_A`` by linear least squares.
 
     The residual is in metres, the same for each pair: only the weights of the data count.
@@ -281,13 +176,12 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
     Args:
         pairs: the motions.
         R_X: rotation (3, 3) of X.
-        found: basis (3, d) of the directions of t_X that the rotations determine.
 
     Raises:
         InputDataError: the scale is negative.
         UnobservableError: the scale cannot be told from zero.
     """
-    solution, covariance, _ = translation_equations(pairs, R_X, found)
+    solution, covariance, _ = translation_equations(pairs, R_X, np.eye(3))
     scale, sigma = float(solution[-1]), math.sqrt(covariance[-1, -1])
     if not abs(scale) > SIGNIFICANT * sigma:
         R_A, R_B = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3]
@@ -299,12 +193,12 @@ def _translation_and_scale(pairs: MotionPairs, R_X: Array, found: Array) -> tupl
                 "Euler order) or their rows are shifted against the images; check the pose format"
             )
         raise UnobservableError(
-            "the scale is not determined: the gripper only turned about its own origin, or moved "
-            "too little against the noise. Add poses that move it by a tenth of a metre or more"
+            "the scale is not determined, since the gripper only turned about its own origin or moved "
+            "too little against the noise: add poses that move it by a tenth of a metre or more"
         )
     if scale < 0.0:
         raise InputDataError(NEGATIVE_SCALE)
-    return found @ solution[:-1], scale
+    return solution[:-1], scale
 
 
 def translation_equations(
