@@ -38,8 +38,8 @@ class ChainRows:
         component: index (m,) of the row's variance; -1: its variance is one (priors).
         n_chain: number of chain unknowns, the first columns.
         bandwidth: largest distance of two chain columns in one row.
-        log_variance: logarithm of the product of the variances of the rows of component -1, before
-            they were divided by their standard deviations.
+        log_variance: logarithm of the product of what the rows' variances were divided by
+            beforehand, to make them those of their components.
     """
 
     jacobian: sparse.csr_array

@@ -85,8 +85,8 @@ def pose_graph(
 
     Args:
         data: poses of robot and camera, in the order in which they were taken; or motions, whose
-            errors are taken as independent. Weights are not used but for zero: such rows are left
-            out. The noise levels are found from the data.
+            errors are taken as independent. A weight divides the variances of its row (of odometry:
+            those of the robot's pose); rows of weight zero are left out.
         start: first values.
         scale_known: whether the camera's translations are in metres.
         inverted: the robot's poses are gripper_T_base (eye-to-hand).
@@ -109,11 +109,13 @@ def pose_graph(
     base_T_world = start.gripper_T_camera if isinstance(data, MotionPairs) else start.base_T_world
     if base_T_world is None:
         raise ValueError(f"{start.base_T_world=} but expected a pose")
-    usable = np.asarray(data.weights) > 0.0
+    weights = np.asarray(data.weights)
+    usable = weights > 0.0
     unit = start.metres_per_world_unit
     problem = Problem(
         base_T_gripper=A,
         world_T_camera=scaled(B, unit),
+        weights=np.where(usable, weights, 1.0),
         are_motions=isinstance(data, MotionPairs),
         inverted=inverted,
         scale_known=scale_known,
@@ -192,8 +194,10 @@ def _residuals(problem: Problem, fit: Fit, rows: Rows) -> tuple[Array, Array]:
 def _squares(problem: Problem, fit: Fit, rows: Rows) -> Array:
     """Mahalanobis squares (n,) of robot against camera poses, each with an error of its own."""
     residuals, scales = _residuals(problem, fit, rows)
-    robot = robot_measurements(problem.base_T_gripper, fit.model.scale, inverted=problem.inverted)
-    camera = camera_measurements(problem.world_T_camera)
+    robot = robot_measurements(
+        problem.base_T_gripper, problem.weights, fit.model.scale, inverted=problem.inverted
+    )
+    camera = camera_measurements(problem.world_T_camera, problem.weights)
     to_gripper = gtsam.Pose3(fit.state.gripper_T_camera).AdjointMap()
     squares = []
     for residual, scale, r, c in zip(residuals, scales, robot, camera, strict=True):

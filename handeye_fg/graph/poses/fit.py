@@ -84,10 +84,11 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """The poses, in metres of the start's scale, and what does not change."""
+    """The poses, in metres of the start's scale, their weights, and what does not change."""
 
     base_T_gripper: Array
     world_T_camera: Array
+    weights: Array
     are_motions: bool
     inverted: bool
     scale_known: bool
@@ -101,17 +102,20 @@ class Problem:
             self,
             base_T_gripper=self.base_T_gripper[rows],
             world_T_camera=self.world_T_camera[rows],
+            weights=self.weights[rows],
         )
 
     def measurements(self, model: NoiseModel) -> list[Measurement]:
         """All that a noise model measures."""
         camera = (
-            camera_measurements(self.world_T_camera)
+            camera_measurements(self.world_T_camera, self.weights)
             if model.camera == "independent"
             else odometry_measurements(self.world_T_camera)
         )
         return [
-            *robot_measurements(self.base_T_gripper, model.scale, inverted=self.inverted),
+            *robot_measurements(
+                self.base_T_gripper, self.weights, model.scale, inverted=self.inverted
+            ),
             *camera,
             *scale_measurements(len(self.base_T_gripper), model.scale),
             *([tie()] if self.are_motions else []),

@@ -87,11 +87,14 @@ class Measurement:
         return np.asarray(self.axes / np.array(scale)[:, None])
 
 
-def robot_measurements(base_T_gripper: Array, scale: Scale, *, inverted: bool) -> list[Measurement]:
+def robot_measurements(
+    base_T_gripper: Array, weights: Array, scale: Scale, *, inverted: bool
+) -> list[Measurement]:
     """Reported robot poses; their noise is in the gripper frame.
 
     Args:
         base_T_gripper: (n, 4, 4), metres.
+        weights: of the squared residuals (n,), positive.
         scale: whether each pose has a scale of its own.
         inverted: the poses are gripper_T_base: the gripper is their parent frame.
     """
@@ -102,15 +105,15 @@ def robot_measurements(base_T_gripper: Array, scale: Scale, *, inverted: bool) -
             factor=lambda noise: robot_pose_factor(
                 camera_key(i), GRIPPER_T_CAMERA, BASE_T_WORLD, key, pose, noise
             ),
-            axes=pose.AdjointMap() if inverted else np.eye(6),
+            axes=np.sqrt(weights[i]) * (pose.AdjointMap() if inverted else np.eye(6)),
             components=("robot_rotation",) * 3 + ("robot_translation",) * 3,
         )
 
     return [measurement(i, gtsam.Pose3(matrix)) for i, matrix in enumerate(base_T_gripper)]
 
 
-def camera_measurements(world_T_camera: Array) -> list[Measurement]:
-    """Camera poses with independent noise.
+def camera_measurements(world_T_camera: Array, weights: Array) -> list[Measurement]:
+    """Camera poses with independent noise, and weights (n,) of their squared residuals.
 
     What a camera sees at the world's origin (a target, a scene) it sees with errors across its
     optical axis, along it, and in the orientation of what it sees: three sigmas. With the measured
@@ -124,7 +127,7 @@ def camera_measurements(world_T_camera: Array) -> list[Measurement]:
         axes[3:] = pose.rotation().matrix().T @ axes[3:]
         return Measurement(
             factor=lambda noise: gtsam.PriorFactorPose3(camera_key(i), pose, noise),
-            axes=axes,
+            axes=np.sqrt(weights[i]) * axes,
             components=("camera_rotation",) * 3 + ("camera_across",) * 2 + ("camera_along",),
         )
 
@@ -276,12 +279,11 @@ def rows_of(
         where.append(np.tile(at, len(jacobian)))
         start += len(jacobian)
     index = (np.concatenate(rows), np.concatenate(where))
-    fixed = [m.axes for m in measurements if None in m.components]
     return ChainRows(
         jacobian=sparse.csr_array((np.concatenate(entries), index), shape=(start, columns.total)),
         residual=np.concatenate(residuals),
         component=np.array([number[name] for name in names]),
         n_chain=columns.n_chain,
         bandwidth=2 * columns.stride - 1,
-        log_variance=-2.0 * sum(float(np.linalg.slogdet(axes)[1]) for axes in fixed),
+        log_variance=-2.0 * sum(float(np.linalg.slogdet(m.axes)[1]) for m in measurements),
     )
