@@ -1,8 +1,9 @@
 """Hand-eye calibration from ordinary images, with an honest uncertainty.
 
 ``calibrate`` takes a folder of images and the robot's poses, ``refine`` an existing COLMAP model and
-the poses; both return a ``Result``. The conventions are in ``handeye_fg.frames``. Names are imported
-when they are first used, so that ``import handeye_fg`` costs nothing.
+the poses, ``solve`` pose pairs alone; all return a ``Result``. The conventions are in
+``handeye_fg.frames``. Names are imported when they are first used, so that ``import handeye_fg`` costs
+nothing.
 """
 
 from importlib import import_module
@@ -17,9 +18,10 @@ if TYPE_CHECKING:
         UnobservableError,
     )
     from handeye_fg.from_model import refine
+    from handeye_fg.from_poses import solve
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
-    from handeye_fg.options import GraphOptions, NoiseOptions, Options, SfmOptions
+    from handeye_fg.options import GraphOptions, NoiseOptions, Options, Prior, SfmOptions
     from handeye_fg.pipeline import calibrate
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "InputDataError",
     "NoiseOptions",
     "Options",
+    "Prior",
     "ReconstructionError",
     "Result",
     "SfmOptions",
@@ -36,6 +39,7 @@ __all__ = [
     "calibrate",
     "load_result",
     "refine",
+    "solve",
 ]
 
 _HOME = {
@@ -43,7 +47,8 @@ _HOME = {
     "calibrate": "pipeline",
     "load_result": "io.result_reader",
     "refine": "from_model",
-    **dict.fromkeys(("GraphOptions", "NoiseOptions", "Options", "SfmOptions"), "options"),
+    "solve": "from_poses",
+    **dict.fromkeys(("GraphOptions", "NoiseOptions", "Options", "Prior", "SfmOptions"), "options"),
 }
 
 

@@ -5,7 +5,9 @@ The first paragraph under each field is its help text on the command line.
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 Intrinsics = Literal["auto", "fixed", "prior", "free"]
 
@@ -95,6 +97,38 @@ class Prior:
         object.__setattr__(self, "axis", tuple(float(x) / length for x in self.axis))
 
 
+def _prior_of(words: list[str]) -> Prior:
+    """A prior from its words on the command line: KIND X,Y,Z METRES STD."""
+    kind, axis, value, std = words
+    # The kind is checked by the prior itself.
+    return Prior(kind, tuple(map(float, axis.split(","))), float(value), float(std))  # type: ignore[arg-type]
+
+
+def _words_of(prior: Prior) -> list[str]:
+    """The words of a prior on the command line."""
+    return [prior.kind, ",".join(map(str, prior.axis)), str(prior.value), str(prior.std)]
+
+
+Priors = Annotated[
+    tuple[
+        Annotated[
+            Prior,
+            tyro.constructors.PrimitiveConstructorSpec(
+                nargs=4,
+                metavar="KIND X,Y,Z METRES STD",
+                instance_from_str=_prior_of,
+                is_instance=lambda instance: isinstance(instance, Prior),
+                str_from_instance=_words_of,
+            ),
+        ],
+        ...,
+    ],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(name="prior"),
+]
+"""Priors as a flag that may be repeated, for every command that has it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """Everything that changes a calibration, beside its input files."""
@@ -103,8 +137,10 @@ class Options:
     """Camera on the gripper, or static camera that looks at an object on the gripper."""
     seed: int = 0
     """Seed of everything random."""
-    priors: tuple[Prior, ...] = ()
-    """What is known of the camera's pose beforehand."""
+    priors: Priors = ()
+    """What is known of the camera's pose beforehand, such as --prior translation-along 0,0,1 0.080 0.001:
+    the camera's position along the gripper's z axis (the base's, for eye-to-hand) is 0.080 m, with a
+    standard deviation of 0.001 m. May be given several times; adds to those of the --config file."""
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)

@@ -221,7 +221,7 @@ def _with_intrinsics(
     else:
         kept = _kept(model, base_T_gripper, camera, linear, call)
         contradiction = (
-            None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept, call.known)
+            None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept, call)
         )
         if contradiction is None:
             return View(
@@ -259,12 +259,12 @@ def _possible(camera: CameraModel, wish: Intrinsics) -> Intrinsics:
 
 
 def _contradiction(
-    base_T_gripper: Array, camera: CameraModel, kept: Refinement, known: KnownPoints | None
+    base_T_gripper: Array, camera: CameraModel, kept: Refinement, call: _Call
 ) -> str | None:
     """In words how the images contradict kept intrinsics, or None if they do not."""
     centre = kept.state.opencv_params
     prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
-    pull = intrinsics_pull(base_T_gripper, kept, prior, known)
+    pull = intrinsics_pull(base_T_gripper, kept, prior, call.known, call.options.priors)
     if pull <= _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
         return None
     return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"
