@@ -225,10 +225,10 @@ def _translation_and_scale(
         return found @ solution[:-1], scale
     scale = 1.0 if scale_known else _typical_scale(pairs)
     R_A, t_A = pairs.gi_T_gj[:, :3, :3], pairs.gi_T_gj[:, :3, 3]
-    columns = ((R_A - np.eye(3)) @ found).reshape(-1, found.shape[1])
-    right = (scale * pairs.ci_T_cj[:, :3, 3] @ R_X.T - t_A).reshape(-1)
     if not found.shape[1]:
         return np.zeros(3), scale
+    columns = ((R_A - np.eye(3)) @ found).reshape(-1, found.shape[1])
+    right = (scale * pairs.ci_T_cj[:, :3, 3] @ R_X.T - t_A).reshape(-1)
     return found @ least_squares(columns, right, pairs)[0], scale
 
 
