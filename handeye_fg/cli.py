@@ -18,13 +18,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
-from rich.logging import RichHandler
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBars
 
+from handeye_fg.console import logged, native_stdout_moved, progress_view, say, stderr_console
 from handeye_fg.errors import HandEyeError, InputDataError
-from handeye_fg.options import Options
-from handeye_fg.progress import Progress, silent
+from handeye_fg.options import MethodName, Options, Priors, Setup
+from handeye_fg.progress import silent
 
 if TYPE_CHECKING:
     from handeye_fg.io.results import Result
@@ -41,14 +39,6 @@ with its uncertainty, from a folder of images and the poses that the controller 
 
 handeye-fg --version prints the version. Exit codes: 0 calibrated; 1 failed; 2 wrong usage, option
 or input format; 3 partial: a result was written, but the motion left directions undetermined."""
-_STAGES = {
-    "images": "reading images",
-    "target": "finding the target",
-    "features": "finding features",
-    "pairs": "matching pairs",
-    "registered": "registering images",
-    "iterations": "refining",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,35 +64,25 @@ class Calibrate:
     """Options as a TOML file, such as the config.toml of an earlier run."""
     output: Path = Path("handeye-fg-out")
     """Folder for the results."""
-    json: bool = False
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
     """Print the result as JSON on stdout."""
-    quiet: Annotated[bool, tyro.conf.arg(aliases=["-q"])] = False
+    quiet: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(aliases=["-q"])] = False
     """Print nothing but errors."""
-    verbose: Annotated[bool, tyro.conf.arg(aliases=["-v"])] = False
+    verbose: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(aliases=["-v"])] = False
     """Let the logs of the libraries through."""
     options: Annotated[Options, tyro.conf.arg(name="")] = field(default_factory=Options)
     """Options of the calibration."""
 
     def run(self) -> int:
         """Calibrate, write the results and say what came out."""
-        from handeye_fg.io.results import failed_document, to_document, to_json
+        from handeye_fg.io.config import write_config
 
-        console = _console()
-        try:
+        console = stderr_console()
+        with _failure_as_json(self.options.setup, json=self.json):
             result = self._calibrate(console)
-        except HandEyeError as error:
-            if self.json:
-                sys.stdout.write(to_json(failed_document(self.options.setup, str(error))))
-            raise
-        report = self._write(result)
-        if not self.quiet:
-            from handeye_fg.report import summary_text
-
-            _say(console, summary_text(result, report))
-        if self.json:
-            sys.stdout.write(to_json(to_document(result)))
-            sys.stdout.flush()
-        return EXIT_OK if result.status == "ok" else EXIT_PARTIAL
+        report = _written(result, self.output)
+        write_config(self.options, self.output / "config.toml")
+        return _told(result, report, console, json=self.json, quiet=self.quiet)
 
     def _calibrate(self, console: Console) -> "Result":
         from handeye_fg.pipeline import calibrate
@@ -110,9 +90,9 @@ class Calibrate:
 
         set_verbosity(self.verbose)
         with ExitStack() as stack:
-            stack.enter_context(_logging(console, self._log_level()))
-            stack.enter_context(_native_stdout_moved(None if self.verbose else os.devnull))
-            view = silent if self.quiet else stack.enter_context(_progress_view(console))
+            stack.enter_context(logged(console, self._log_level()))
+            stack.enter_context(native_stdout_moved(None if self.verbose else os.devnull))
+            view = silent if self.quiet else stack.enter_context(progress_view(console))
             return calibrate(
                 self.images,
                 self.poses,
@@ -129,14 +109,53 @@ class Calibrate:
             return logging.ERROR
         return logging.DEBUG if self.verbose else logging.WARNING
 
-    def _write(self, result: "Result") -> Path:
-        """Write what belongs together, each file whole, once there is a result."""
-        from handeye_fg.io.config import write_config
-        from handeye_fg.report import write_report
 
-        result.save(self.output)
-        write_config(self.options, self.output / "config.toml")
-        return write_report(result, self.output)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solve:
+    """Calibrate from pose pairs alone, without images.
+
+    Rows are paired by name. Writes result.json and report.html to --output.
+    """
+
+    robot: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="ROBOT.csv")]
+    """CSV file with the header image,x,y,z,qx,qy,qz,qw: the pose of the gripper in the robot's base
+    (metres, Hamilton quaternion); the column image holds any name of the row."""
+    camera: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CAMERA.csv")]
+    """CSV file with the same columns: the pose of the camera in the world, or, for eye-to-hand, in what
+    moves with the gripper. In any unit of length for andreff_scale, in metres for the others."""
+    method: MethodName = "andreff_scale"
+    """Closed form to use."""
+    setup: Setup = "eye-in-hand"
+    """Camera on the gripper, or static camera that looks at an object on the gripper."""
+    robust: bool = True
+    """Leave out, and name, rows that disagree with the majority."""
+    priors: Priors = ()
+    """What is known of the camera's pose beforehand."""
+    seed: int = 0
+    """Seed of everything random."""
+    output: Path = Path("handeye-fg-out")
+    """Folder for the results."""
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Print the result as JSON on stdout."""
+    quiet: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(aliases=["-q"])] = False
+    """Print nothing but errors."""
+
+    def run(self) -> int:
+        """Solve, write the results and say what came out."""
+        with _failure_as_json(self.setup, json=self.json):
+            from handeye_fg.from_poses import solve
+
+            result = solve(
+                self.robot,
+                self.camera,
+                self.method,
+                setup=self.setup,
+                robust=self.robust,
+                priors=self.priors,
+                seed=self.seed,
+            )
+        report = _written(result, self.output)
+        return _told(result, report, stderr_console(), json=self.json, quiet=self.quiet)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,8 +171,43 @@ class Report:
         from handeye_fg.report import write_report
 
         result = load_result(self.output)
-        _say(_console(), f"Report: {write_report(result, self.output)}")
+        say(stderr_console(), f"Report: {write_report(result, self.output)}")
         return EXIT_OK
+
+
+@contextmanager
+def _failure_as_json(setup: Setup, *, json: bool) -> Iterator[None]:
+    """Print a failure as JSON too, where JSON is asked for."""
+    from handeye_fg.io.results import failed_document, to_json
+
+    try:
+        yield
+    except HandEyeError as error:
+        if json:
+            sys.stdout.write(to_json(failed_document(setup, str(error))))
+        raise
+
+
+def _written(result: "Result", output: Path) -> Path:
+    """Write what belongs together, each file whole, once there is a result; the page's path."""
+    from handeye_fg.report import write_report
+
+    result.save(output)
+    return write_report(result, output)
+
+
+def _told(result: "Result", report: Path, console: Console, *, json: bool, quiet: bool) -> int:
+    """Say what came out; the exit code."""
+    if not quiet:
+        from handeye_fg.report import summary_text
+
+        say(console, summary_text(result, report))
+    if json:
+        from handeye_fg.io.results import to_document, to_json
+
+        sys.stdout.write(to_json(to_document(result)))
+        sys.stdout.flush()
+    return EXIT_OK if result.status == "ok" else EXIT_PARTIAL
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -180,7 +234,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _say_error(error)
         return EXIT_FAILED
     except KeyboardInterrupt:
-        _say(_console(), "Interrupted.")
+        say(stderr_console(), "Interrupted.")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # Who read stdout has gone (``| head``); Python's own flush at exit must not fail again.
@@ -188,7 +242,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_FAILED
 
 
-def _parse(arguments: Sequence[str]) -> Calibrate | Report:
+def _parse(arguments: Sequence[str]) -> Calibrate | Solve | Report:
     """The command; the options of a --config file are the defaults of the flags."""
     command = _parse_over(Options(), arguments)
     if isinstance(command, Calibrate) and command.config is not None:
@@ -198,17 +252,19 @@ def _parse(arguments: Sequence[str]) -> Calibrate | Report:
     return command
 
 
-def _parse_over(options: Options, arguments: Sequence[str]) -> Calibrate | Report:
+def _parse_over(options: Options, arguments: Sequence[str]) -> Calibrate | Solve | Report:
     defaults = Calibrate(images=tyro.MISSING, poses=tyro.MISSING, options=options)
     calibrate = tyro.conf.subcommand("calibrate", default=defaults, prefix_name=False)
+    solve = tyro.conf.subcommand("solve", prefix_name=False)
     report = tyro.conf.subcommand("report", prefix_name=False)
 
     # A function, not the union alone: its argument's name stands in the parser's error messages.
     def choose(
         command: Annotated[
-            Annotated[Calibrate, calibrate] | Annotated[Report, report], tyro.conf.arg(name="")
+            Annotated[Calibrate, calibrate] | Annotated[Solve, solve] | Annotated[Report, report],
+            tyro.conf.arg(name=""),
         ],
-    ) -> Calibrate | Report:
+    ) -> Calibrate | Solve | Report:
         return command
 
     return tyro.cli(
@@ -216,124 +272,10 @@ def _parse_over(options: Options, arguments: Sequence[str]) -> Calibrate | Repor
         prog=_PROGRAM,
         description=_DESCRIPTION,
         args=list(arguments),
-        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.HelptextFromCommentsOff),
+        config=(tyro.conf.HelptextFromCommentsOff,),
     )
-
-
-class _Bars:
-    """A bar for each stage, for a terminal."""
-
-    def __init__(self, bars: ProgressBars) -> None:
-        self._bars = bars
-        self._tasks: dict[str, TaskID] = {}
-
-    def __call__(self, stage: str, done: int, total: int | None) -> None:
-        """Move the stage's bar."""
-        if stage not in self._tasks:
-            self.close()
-            self._tasks[stage] = self._bars.add_task(_STAGES.get(stage, stage), total=total)
-        self._bars.update(self._tasks[stage], completed=done, total=total)
-
-    def close(self) -> None:
-        """A stage whose end was not known beforehand ends where the next begins."""
-        for task in self._bars.tasks:
-            if task.total is None:
-                self._bars.update(task.id, total=task.completed)
-
-
-class _Lines:
-    """A line at each stage's start and end, for a log file."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._stage: str | None = None
-        self._count = ""
-
-    def __call__(self, stage: str, done: int, total: int | None) -> None:
-        """Note the count; a new stage ends the one before."""
-        if stage != self._stage:
-            self.close()
-            self._stage = stage
-            _say(self._console, f"{_STAGES.get(stage, stage)} ...")
-        self._count = f"{done}" if total is None else f"{done} of {total}"
-
-    def close(self) -> None:
-        """End the current stage."""
-        if self._stage is not None:
-            _say(self._console, f"{_STAGES.get(self._stage, self._stage)}: {self._count}")
-        self._stage = None
-
-
-@contextmanager
-def _progress_view(console: Console) -> Iterator[Progress]:
-    if console.is_terminal:
-        columns = (
-            TextColumn("{task.description:<20}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        with ProgressBars(*columns, console=console) as bars:
-            view = _Bars(bars)
-            yield view
-            view.close()
-    else:
-        lines = _Lines(console)
-        yield lines
-        lines.close()
-
-
-@contextmanager
-def _native_stdout_moved(target: str | None) -> Iterator[None]:
-    """Keep what C++ libraries print on stdout away from it: only the result belongs there.
-
-    Args:
-        target: file that gets the text instead; None: stderr.
-    """
-    sys.stdout.flush()
-    saved = os.dup(1)
-    try:
-        if target is None:
-            os.dup2(2, 1)
-        else:
-            with Path(target).open("wb") as sink:
-                os.dup2(sink.fileno(), 1)
-        yield
-    finally:
-        os.dup2(saved, 1)
-        os.close(saved)
-
-
-@contextmanager
-def _logging(console: Console, level: int) -> Iterator[None]:
-    """Show the package's log on the console."""
-    logger = logging.getLogger("handeye_fg")
-    handler = RichHandler(console=console, show_path=False, show_time=False, markup=False)
-    before = logger.level
-    logger.addHandler(handler)
-    logger.setLevel(level)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(before)
-
-
-def _console() -> Console:
-    return Console(stderr=True, highlight=False, markup=False, emoji=False, soft_wrap=True)
-
-
-def _say(console: Console, text: str) -> None:
-    console.print(_printable(text))
 
 
 def _say_error(error: HandEyeError) -> None:
     sentence = " ".join(str(error).split())
-    _say(_console(), f"{_PROGRAM}: error: {sentence}")
-
-
-def _printable(text: str) -> str:
-    """Text that cannot steer the terminal: control characters become escapes."""
-    return "".join(
-        char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
-    )
+    say(stderr_console(), f"{_PROGRAM}: error: {sentence}")

@@ -190,7 +190,8 @@ def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> Non
             f"robot and camera contradict each other: over the motions they differ by "
             f"{math.degrees(start.residual_rotation):.2g} deg and "
             f"{1e3 * start.residual_translation:.3g} mm, and the camera moved by {1e3 * motion:.3g} "
-            "mm; check the convention and unit of both lists, and that rows belong together"
+            "mm; check that rows belong together, the conventions, and the units (only andreff_scale "
+            "takes camera translations that are not in metres)"
         )
 
 

@@ -10,6 +10,17 @@ from typing import Annotated, Literal
 import tyro
 
 Intrinsics = Literal["auto", "fixed", "prior", "free"]
+Setup = Literal["eye-in-hand", "eye-to-hand"]
+MethodName = Literal[
+    "andreff_scale",
+    "andreff",
+    "daniilidis",
+    "horaud_dornaika",
+    "li",
+    "park_martin",
+    "shah",
+    "tsai_lenz",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +144,7 @@ Priors = Annotated[
 class Options:
     """Everything that changes a calibration, beside its input files."""
 
-    setup: Literal["eye-in-hand", "eye-to-hand"] = "eye-in-hand"
+    setup: Setup = "eye-in-hand"
     """Camera on the gripper, or static camera that looks at an object on the gripper."""
     seed: int = 0
     """Seed of everything random."""
