@@ -19,13 +19,15 @@ from handeye_fg.graph.variables import (
     camera_key,
     point_key,
 )
-from handeye_fg.observability import LIMITS, WIDE
+from handeye_fg.observability import LIMITS
 from handeye_fg.options import Prior
 from handeye_fg.types import Indices, KnownPoints, Tracks
 
 Gauge = Literal["base", "first camera"]
 
 _SKEW_SIGMA = 1e-6  # no camera model of the files has a skew; GTSAM's always has one
+# Radians and metres; a millimetre off, it moves what is determined to 10 um by 1e-15 m.
+_WIDE = 10.0
 # Standard deviation, in units of the limits of observability, of X along directions that are kept.
 _HELD = 0.01
 
@@ -147,7 +149,7 @@ def known_points_graph(known: KnownPoints, unit: float = 1.0) -> gtsam.Nonlinear
 def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
     """Keep X finite where the motion leaves it free, without weight where it is determined."""
     graph = gtsam.NonlinearFactorGraph()
-    model = gtsam.noiseModel.Diagonal.Sigmas(WIDE[:6])
+    model = gtsam.noiseModel.Isotropic.Sigma(6, _WIDE)
     graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera), model)
     return graph
 
