@@ -84,6 +84,19 @@ def free_basis(covariance: Array) -> Array:
     return np.asarray(vectors[:, variances > 1.0])
 
 
+def free_lean(covariance: Array) -> Array:
+    """How much the free directions of X lean on each of its components (6,): 0 not at all, 1 fully.
+
+    Args:
+        covariance: of X (6, 6) on the determined subspace, as ``Observability`` has it.
+    """
+    variances, vectors = np.linalg.eigh(covariance)
+    # Projected away, they have variances of rounding; others are within 1e-8 of the largest.
+    free = vectors[:, variances < 1e-12 * variances[-1]] / LIMITS[:6, None]
+    orthonormal, _ = np.linalg.qr(free)
+    return np.asarray(np.linalg.norm(orthonormal, axis=1))
+
+
 def feigned_information(
     gripper_T_camera: Array, independent: int, pose_std: Array, sigmas: Array
 ) -> Array:

@@ -180,7 +180,7 @@ class NoiseLevels:
     """Standard deviations per axis.
 
     Attributes:
-        pixel: of an observation, pixels.
+        pixel: of an observation, pixels; NaN without images.
         robot_rotation: of a reported robot pose, radians.
         robot_translation: of a reported robot pose, metres.
         estimated: whether they were found from the data (else given by the user).
@@ -200,7 +200,8 @@ class FreeDirection:
 
     Attributes:
         kind: "rotation", "translation" or "scale".
-        vector: unit vector (3,) in ``frame``; zeros for a scale.
+        vector: unit vector (3,) in ``frame``; for a scale the direction in which the camera's
+            position changes with it, zeros if it does not.
         frame: the frame of the vector, the parent of X.
         description: one sentence for a person, with the remedy.
     """

@@ -18,6 +18,7 @@ import numpy as np
 
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.files import write_atomic
+from handeye_fg.observability import free_lean
 from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
 
 SCHEMA_VERSION = "1"
@@ -169,7 +170,8 @@ class Result:
             _set_array(self, "intrinsics_std", self.camera.params.shape)
         _check_finite(self, "metres_per_world_unit")
         if self.noise is not None:
-            for name in ("pixel", "robot_rotation", "robot_translation"):
+            of_images = () if self.sfm is None else ("pixel",)
+            for name in ("robot_rotation", "robot_translation", *of_images):
                 _check_finite(self.noise, name)
         for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
             _check_finite(self.initial, name)
@@ -328,6 +330,10 @@ def _without_free(
     for direction in result.free_directions:
         if direction.kind == kind:
             free |= np.abs(result.matrix[:3, :3].T @ direction.vector) > FREE_COMPONENT
+    if result.free_directions and result.covariance is not None:
+        # A free direction of one kind may move the other with it.
+        lean = free_lean(result.covariance)
+        free |= (lean[:3] if kind == "rotation" else lean[3:]) > FREE_COMPONENT
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding leaves -1e-20 on a projection
     return tuple(
         None if is_free else value
@@ -343,7 +349,7 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
     if noise is None:
         return None
     return {
-        "pixel_px": float(noise.pixel),
+        "pixel_px": _finite(noise.pixel),
         "robot_rotation_deg": math.degrees(noise.robot_rotation),
         "robot_translation_mm": 1e3 * float(noise.robot_translation),
         "estimated": bool(noise.estimated),

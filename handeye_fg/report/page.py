@@ -70,7 +70,7 @@ def _context(result: Result) -> dict[str, object]:
         "free_directions": [
             {
                 "kind": item.kind,
-                "vector": "" if item.kind == "scale" else ", ".join(wording.numbers(item.vector)),
+                "vector": ", ".join(wording.numbers(item.vector)) if item.vector.any() else "",
                 "frame": item.frame,
                 "description": item.description,
             }
@@ -137,21 +137,20 @@ def _noise(result: Result) -> dict[str, object] | None:
     noise = result.noise
     if noise is None:
         return None
+    robot_rotation_deg = math.degrees(noise.robot_rotation)
+    robot_translation_mm = 1000.0 * noise.robot_translation
+    rows = [
+        ("image observation", noise.pixel, "px"),
+        ("reported robot orientation", robot_rotation_deg, "deg"),
+        ("reported robot position", robot_translation_mm, "mm"),
+    ]
     return {
         "estimated": noise.estimated,
-        "rows": (
-            ("image observation", wording.significant(noise.pixel), "px"),
-            (
-                "reported robot orientation",
-                wording.significant(math.degrees(noise.robot_rotation)),
-                "deg",
-            ),
-            (
-                "reported robot position",
-                wording.significant(1000.0 * noise.robot_translation),
-                "mm",
-            ),
-        ),
+        "rows": [
+            (what, wording.significant(sigma), unit)
+            for what, sigma, unit in rows
+            if math.isfinite(sigma)
+        ],
     }
 
 
