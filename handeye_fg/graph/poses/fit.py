@@ -32,7 +32,7 @@ from handeye_fg.progress import silent
 Rows = NDArray[np.bool_]
 
 _MAX_ROUNDS = 12
-_CONVERGED = 0.02  # of a standard deviation: change of X between two rounds
+_CONVERGED = 0.02  # of a standard deviation: change of X by another round
 _MAX_ITERATIONS = 50
 # Part of the first motion residuals' mean square that each component is first taken to cause.
 _SHARE = 0.3
@@ -146,8 +146,11 @@ def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit
         found = estimate(linear, guess, start, columns.wanted)
         sigmas = _named(model, found.variances)
         now = first.moved_by(values)
-        step = (now - before) / np.sqrt(np.diag(found.covariance)[:6])
-        converged = optimum.converged and float(np.abs(step).max()) < _CONVERGED
+        # What is still to come, or (what is held does not know of it) what the last round brought.
+        std = np.sqrt(np.diag(found.covariance)[:6])
+        steps = [found.step[columns.wanted[:6]] / std, (now - before) / std]
+        still = min(float(np.abs(step).max()) for step in steps) < _CONVERGED
+        converged = optimum.converged and still
         before, rounds = now, rounds - 1
         if converged or rounds == 0:
             return Fit(

@@ -284,6 +284,6 @@ def rows_of(
         residual=np.concatenate(residuals),
         component=np.array([number[name] for name in names]),
         n_chain=columns.n_chain,
-        bandwidth=2 * columns.stride - 1,
+        block=columns.stride,
         log_variance=-2.0 * sum(float(np.linalg.slogdet(m.axes)[1]) for m in measurements),
     )
