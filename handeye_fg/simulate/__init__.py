@@ -1,0 +1,32 @@
+"""Synthetic hand-eye data with a known truth; ships: tests, benchmarks and notebooks use it.
+
+``scenes``: robots, cameras and what a calibration gets of them, under additive noise. ``series``: the
+random motions of Andreff, Horaud and Espiau's simulations, under proportional noise. ``published``:
+the methods that they compared, as their papers state them.
+"""
+
+from handeye_fg.simulate.scenes import (
+    ROBOT_ROTATION_SIGMA,
+    ROBOT_TRANSLATION_SIGMA,
+    Motion,
+    Scene,
+    Truth,
+    default_camera,
+    disturbed,
+    project,
+    simulate_poses,
+    simulate_scene,
+)
+
+__all__ = [
+    "ROBOT_ROTATION_SIGMA",
+    "ROBOT_TRANSLATION_SIGMA",
+    "Motion",
+    "Scene",
+    "Truth",
+    "default_camera",
+    "disturbed",
+    "project",
+    "simulate_poses",
+    "simulate_scene",
+]
