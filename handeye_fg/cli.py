@@ -122,9 +122,10 @@ class Solve:
     (metres, Hamilton quaternion); the column image holds any name of the row."""
     camera: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CAMERA.csv")]
     """CSV file with the same columns: the pose of the camera in the world, or, for eye-to-hand, in what
-    moves with the gripper. In any unit of length for andreff_scale, in metres for the others."""
+    moves with the gripper. In any unit of length for andreff_scale and pose_graph, in
+    metres for the others."""
     method: MethodName = "andreff_scale"
-    """Closed form to use."""
+    """Closed form to use, or pose_graph: least squares with the noise of both lists modelled."""
     setup: Setup = "eye-in-hand"
     """Camera on the gripper, or static camera that looks at an object on the gripper."""
     robust: bool = True

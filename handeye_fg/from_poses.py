@@ -2,10 +2,11 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import ImageReport, Result, parent_frame
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import Observability, analyse
-from handeye_fg.options import Prior
+from handeye_fg.options import MethodName, Prior
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
     METHODS,
@@ -28,7 +29,7 @@ from handeye_fg.solvers import (
     start_of,
     trusted_rows,
 )
-from handeye_fg.types import LinearStart, Setup
+from handeye_fg.types import LinearStart, NoiseLevels, Setup
 
 Rows = NDArray[np.bool_]
 
@@ -42,11 +43,29 @@ _CONTRADICTION_TRANSLATION = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Answer:
-    """A solution of the trusted rows, and what they determine."""
+    """X of the trusted rows, and what they determine.
 
+    Attributes:
+        method: how X was found, in words.
+        start: the closed form; X itself, where nothing refines it.
+        gripper_T_camera, base_T_world, metres_per_world_unit: X, Z and the scale.
+        observability: what is determined.
+        trusted: the rows (n,) that were used.
+        note: about the uncertainty, in words.
+        noise: noise levels, where they are modelled.
+        figures: named figures.
+    """
+
+    method: str
     start: LinearStart
+    gripper_T_camera: Array
+    base_T_world: Array | None
+    metres_per_world_unit: float
     observability: Observability
-    metres_per_world_unit_std: float
+    trusted: Rows
+    note: str
+    noise: NoiseLevels | None = None
+    figures: Mapping[str, float] = field(default_factory=dict)
 
 
 def solve(
@@ -73,8 +92,10 @@ def solve(
         base_T_gripper: robot poses (n, 4, 4) in metres, in the order in which they were taken; or
             with names: a CSV file, or a mapping.
         world_T_camera: camera poses of the same instants, in the same form; paired by order, or by
-            name. Translations in metres, or in any unit for ``andreff_scale``.
-        method: one of ``METHODS``.
+            name. Translations in metres, or in any unit for ``andreff_scale`` and
+            ``pose_graph``.
+        method: a closed form (``handeye_fg.solvers.METHODS``), or "pose_graph": least squares with the
+            noise of both lists modelled and estimated, from a closed form.
         motions: whether both are motions, gi_T_gj and ci_T_cj (k, 4, 4). For eye-to-hand the
             robot's are base_T_gripper_i inverse(base_T_gripper_j).
         weights: relative weights (n,) of the squared residuals of the rows.
@@ -93,8 +114,12 @@ def solve(
         UnobservableError: the robot or the camera did not move.
         ConvergenceError: robot and camera contradict each other.
     """
-    if method not in METHODS:
-        raise InputDataError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
+    if method not in get_args(MethodName):
+        raise InputDataError(
+            f"unknown method {method!r}: choose one of {', '.join(get_args(MethodName))}"
+        )
+    closed_form = method if method in METHODS else "andreff_scale"
+    scale_known = METHODS[closed_form].scale_known
     clock = Stopwatch()
     # 1. Read everything, and pair the rows.
     pairs = read_pairs(
@@ -107,28 +132,33 @@ def solve(
     )
     clock.lap("input")
     # 2. Leave out the rows that disagree with the majority.
-    trusted = _trusted(pairs.data, method, seed, robust=robust)
+    trusted = _trusted(pairs.data, seed, scale_known=scale_known, robust=robust)
     clock.lap("wrong rows")
     # 3. Solve the rest, or what it determines.
-    answer = _answer(only(pairs.data, trusted), method, priors, parent_frame(setup))
+    answer = _closed_form(pairs.data, trusted, closed_form, priors, parent_frame(setup))
+    if method == "pose_graph":
+        answer = _refined(pairs.data, answer, priors, setup)
     clock.lap("solution")
     # 4. X, its covariance, and what is to be known of every row.
-    free = answer.observability.free_directions
+    observability = answer.observability
+    scale, free = answer.metres_per_world_unit, observability.free_directions
     return Result(
         status="partial" if free else "ok",
         setup=setup,
-        message=_message(pairs, trusted, answer),
-        matrix=answer.start.gripper_T_camera,
-        covariance=answer.observability.covariance,
+        message=_message(pairs, answer),
+        matrix=answer.gripper_T_camera,
+        covariance=observability.covariance,
         free_directions=free,
-        metres_per_world_unit=answer.start.metres_per_world_unit,
-        metres_per_world_unit_std=answer.metres_per_world_unit_std,
-        base_T_world=answer.start.base_T_world,
+        metres_per_world_unit=scale,
+        metres_per_world_unit_std=math.nan if scale_known else scale * observability.log_scale_std,
+        base_T_world=answer.base_T_world,
+        noise=answer.noise,
         initial=answer.start,
-        images=_rows(pairs, trusted, answer.start, setup),
+        images=_rows(pairs, answer, setup),
         observability={
-            "weakest_std_over_limit": answer.observability.weakest_std,
-            "rows_used": float(np.count_nonzero(trusted)),
+            "weakest_std_over_limit": observability.weakest_std,
+            "rows_used": float(np.count_nonzero(answer.trusted)),
+            **answer.figures,
         },
         timing_s=clock.timing_s,
         provenance={
@@ -141,37 +171,101 @@ def solve(
     )
 
 
-def _trusted(data: PosePairs | MotionPairs, method: str, seed: int, *, robust: bool) -> Rows:
+def _trusted(data: PosePairs | MotionPairs, seed: int, *, scale_known: bool, robust: bool) -> Rows:
     """The rows (n,) that are used: those with a weight, less those that disagree with the others."""
     trusted = np.asarray(data.weights) > 0.0
     if robust and trusted.any():
-        trusted[trusted] = trusted_rows(
-            only(data, trusted), scale_known=METHODS[method].scale_known, seed=seed
-        )
+        trusted[trusted] = trusted_rows(only(data, trusted), scale_known=scale_known, seed=seed)
     return trusted
 
 
-def _answer(
-    data: PosePairs | MotionPairs, method: str, priors: Sequence[Prior], frame: str
+def _closed_form(
+    data: PosePairs | MotionPairs,
+    trusted: Rows,
+    method: str,
+    priors: Sequence[Prior],
+    frame: str,
 ) -> _Answer:
-    """The method's solution, if there are no priors and the motions determine everything; else partial."""
-    scale_known = METHODS[method].scale_known
+    """The method's answer; with priors, or where the motions leave something free, that of ``partial``."""
+    rows, scale_known = only(data, trusted), METHODS[method].scale_known
 
-    def analysed(solution: Solution, name: str, priors: Sequence[Prior]) -> _Answer:
-        start = start_of(data, solution, name)
-        _require_agreement(data, start)
-        covariance = first_order_covariance(data, solution, scale_known=scale_known, priors=priors)
-        observability = analyse(covariance, start.gripper_T_camera, frame)
-        log_scale_std = math.nan if scale_known else observability.log_scale_std
-        std = start.metres_per_world_unit * log_scale_std
-        return _Answer(start=start, observability=observability, metres_per_world_unit_std=std)
+    def answer_of(solution: Solution, name: str, priors: Sequence[Prior]) -> _Answer:
+        start = start_of(rows, solution, name)
+        _require_agreement(rows, start)
+        covariance = first_order_covariance(rows, solution, scale_known=scale_known, priors=priors)
+        return _Answer(
+            method="least squares" if name == "partial" else name,
+            start=start,
+            gripper_T_camera=start.gripper_T_camera,
+            base_T_world=start.base_T_world,
+            metres_per_world_unit=start.metres_per_world_unit,
+            observability=analyse(covariance, start.gripper_T_camera, frame),
+            trusted=trusted,
+            note="The covariance is approximate: first order, with the noise of the residuals.",
+        )
 
     answer: _Answer | None = None
     with suppress(UnobservableError):
-        answer = analysed(METHODS[method].solve(data), method, ())
+        answer = answer_of(METHODS[method].solve(rows), method, ())
     if answer is None or answer.observability.free_directions or priors:
-        answer = analysed(partial(data, scale_known=scale_known, priors=priors), "partial", priors)
+        solution = partial(rows, scale_known=scale_known, priors=priors)
+        answer = answer_of(solution, "partial", priors)
     return answer
+
+
+def _refined(
+    data: PosePairs | MotionPairs, closed: _Answer, priors: Sequence[Prior], setup: Setup
+) -> _Answer:
+    """The pose graph's answer, from a closed form; it judges the rows again."""
+    from handeye_fg.graph.poses import pose_graph  # noqa: PLC0415  # GTSAM is for this method alone
+
+    graph = pose_graph(
+        data,
+        closed.start,
+        inverted=setup == "eye-to-hand",
+        trusted=closed.trusted,
+        priors=priors,
+        free=closed.observability.free_basis,
+    )
+    X, scale = graph.gripper_T_camera, graph.metres_per_world_unit
+    levels = {str(name): sigma for name, sigma in graph.noise.items()}
+    errors = "accumulate along the rows" if graph.model.camera == "odometry" else "are independent"
+    return replace(
+        closed,
+        method="pose_graph",
+        gripper_T_camera=X,
+        base_T_world=graph.base_T_world if isinstance(data, PosePairs) else None,
+        metres_per_world_unit=scale,
+        observability=analyse(graph.covariance, X, parent_frame(setup)),
+        trusted=(np.asarray(data.weights) > 0.0) & ~graph.outliers,
+        note=f"The errors of the camera poses {errors}."
+        + ("" if graph.converged else " The refinement stopped before it converged."),
+        noise=NoiseLevels(
+            pixel=math.nan,
+            robot_rotation=levels["robot_rotation"],
+            robot_translation=levels["robot_translation"],
+            estimated=True,
+        ),
+        figures={
+            "degrees_of_freedom": graph.degrees_of_freedom,
+            **_camera_noise(levels, scale),
+        },
+    )
+
+
+def _camera_noise(levels: Mapping[str, float], metres_per_world_unit: float) -> dict[str, float]:
+    """Noise levels of the camera poses, in the units of reports."""
+    figures = {}
+    for name, sigma in levels.items():
+        if name.startswith("robot"):
+            continue
+        if name.endswith("rotation"):
+            figures[f"{name}_deg"] = math.degrees(sigma)
+        elif name.endswith("drift"):
+            figures[f"{name}_percent"] = 100.0 * sigma
+        else:
+            figures[f"{name}_mm"] = 1e3 * metres_per_world_unit * sigma
+    return figures
 
 
 def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> None:
@@ -195,32 +289,25 @@ def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> Non
         )
 
 
-def _message(pairs: NamedPairs, trusted: Rows, answer: _Answer) -> str:
+def _message(pairs: NamedPairs, answer: _Answer) -> str:
     """What came out, in a few sentences."""
     what = "motions" if isinstance(pairs.data, MotionPairs) else "pose pairs"
-    method = answer.start.method
-    how = "least squares" if method == "partial" else method
-    parts = [f"Solved by {how} from {np.count_nonzero(trusted)} of {len(trusted)} {what}."]
+    n, weights = len(pairs.names), np.asarray(pairs.data.weights)
+    parts = [f"Solved by {answer.method} from {np.count_nonzero(answer.trusted)} of {n} {what}."]
     if pairs.left_out:
         parts.append(f"{len(pairs.left_out)} rows without partner were left out.")
-    weights = np.asarray(pairs.data.weights)
-    bad = [
-        name
-        for name, use, weight in zip(pairs.names, trusted, weights, strict=True)
-        if weight and not use
-    ]
+    bad = [pairs.names[i] for i in np.flatnonzero(~answer.trusted & (weights > 0.0))]
     if bad:
         parts.append(f"Left out, in disagreement with the others: {', '.join(bad)}.")
-    parts.append("The covariance is approximate: first order, with the noise of the residuals.")
+    parts.append(answer.note)
     parts += [direction.description for direction in answer.observability.free_directions]
     return " ".join(parts)
 
 
-def _rows(
-    pairs: NamedPairs, trusted: Rows, start: LinearStart, setup: Setup
-) -> tuple[ImageReport, ...]:
+def _rows(pairs: NamedPairs, answer: _Answer, setup: Setup) -> tuple[ImageReport, ...]:
     """One report for each row of the input: those with a partner, then the others."""
-    X, Z, scale = start.gripper_T_camera, start.base_T_world, start.metres_per_world_unit
+    X, Z = answer.gripper_T_camera, answer.base_T_world
+    scale, trusted = answer.metres_per_world_unit, answer.trusted
     angles, distances = row_residuals(pairs.data, X, scale, Z)
     base_T_camera: list[Array | None] = [None] * len(trusted)
     if isinstance(pairs.data, PosePairs) and Z is not None:

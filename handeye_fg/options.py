@@ -18,6 +18,7 @@ MethodName = Literal[
     "horaud_dornaika",
     "li",
     "park_martin",
+    "pose_graph",
     "shah",
     "tsai_lenz",
 ]

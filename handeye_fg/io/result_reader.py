@@ -159,8 +159,9 @@ def _intrinsics(fields: Fields | None) -> dict[str, Any]:
 def _noise(fields: Fields | None) -> NoiseLevels | None:
     if fields is None:
         return None
+    pixel = fields.optional_number("pixel_px")
     return NoiseLevels(
-        pixel=fields.number("pixel_px"),
+        pixel=math.nan if pixel is None else pixel,
         robot_rotation=math.radians(fields.number("robot_rotation_deg")),
         robot_translation=fields.number("robot_translation_mm") / 1e3,
         estimated=fields.flag("estimated"),

@@ -34,9 +34,9 @@ def summary_text(result: Result, report: Path | None = None) -> str:
         _row("scale", wording.scale_text(result)),
     ]
     if (noise := result.noise) is not None:
+        pixel = f"pixel {wording.significant(noise.pixel)} px, " if result.sfm is not None else ""
         levels = (
-            f"pixel {wording.significant(noise.pixel)} px, "
-            f"robot {wording.significant(math.degrees(noise.robot_rotation))} deg and "
+            f"{pixel}robot {wording.significant(math.degrees(noise.robot_rotation))} deg and "
             f"{wording.significant(1000.0 * noise.robot_translation)} mm per axis"
         )
         lines.append(_row("noise estimated" if noise.estimated else "noise given", levels))
