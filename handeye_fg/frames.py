@@ -28,6 +28,23 @@ from scipy.spatial.transform import RigidTransform, Rotation
 Array = NDArray[np.float64]
 
 
+def _outer_product() -> Array:
+    """4 q q^T - I, by rows (16,), is linear in the rotation's entries by rows (9,): its matrix."""
+    matrix = np.zeros((3, 3, 4, 4))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        # q_0^2 and q_i^2 grow with the diagonal entry, the others shrink.
+        matrix[i, i] = -np.eye(4)
+        matrix[i, i, 0, 0] = matrix[i, i, i + 1, i + 1] = 1.0
+        # R_kj + R_jk = 4 q_j q_k and R_kj - R_jk = 4 q_0 q_i.
+        for row, column, sign in ((k, j, 1.0), (j, k, -1.0)):
+            matrix[row, column, j + 1, k + 1] = matrix[row, column, k + 1, j + 1] = 1.0
+            matrix[row, column, 0, i + 1] = matrix[row, column, i + 1, 0] = sign
+    return matrix.reshape(9, 16)
+
+
+OUTER_PRODUCT = _outer_product()
+
+
 def pose(rotation: Array, translation: Array) -> Array:
     """Assemble 4x4 poses from rotations (..., 3, 3) and translations (..., 3)."""
     rotation = np.asarray(rotation, dtype=np.float64)
@@ -64,20 +81,21 @@ def scaled(world_T_camera: Array, metres_per_world_unit: float | Array) -> Array
 def quaternions(rotation: Array) -> Array:
     """Unit quaternions (..., 4), scalar first and not negative, of rotations (..., 3, 3).
 
-    The column of 4 q q^T with the largest diagonal: exact to rounding at every angle. At 180 degrees
+    The row of 4 q q^T with the largest diagonal: exact to rounding at every angle. At 180 degrees
     both signs are right, and rounding chooses.
     """
-    m = np.ascontiguousarray(np.moveaxis(rotation, (-2, -1), (0, 1)))
-    x, y, z = m[0, 0], m[1, 1], m[2, 2]
-    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
-    ww, xx, yy, zz = 1.0 + x + y + z, 1.0 + x - y - z, 1.0 - x + y - z, 1.0 - x - y + z
-    columns = np.stack([ww, wx, wy, wz, wx, xx, xy, xz, wy, xy, yy, yz, wz, xz, yz, zz], axis=-1)
-    columns = columns.reshape(*ww.shape, 4, 4)
-    largest = np.argmax(np.stack([ww, xx, yy, zz], axis=-1), axis=-1)
-    q = np.take_along_axis(columns, largest[..., None, None], axis=-2)[..., 0, :]
-    q *= np.where(q[..., :1] < 0.0, -1.0, 1.0) / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.asarray(q)
+    outer = (np.reshape(rotation, (-1, 9)) @ OUTER_PRODUCT).reshape(-1, 4, 4) + np.eye(4)
+    diagonal = outer[:, range(4), range(4)]
+    q = outer[np.arange(len(outer)), np.argmax(diagonal, axis=1)]
+    q /= np.copysign(np.sqrt(np.einsum("ki,ki->k", q, q)), q[:, 0])[:, None]
+    return np.asarray(q.reshape(*np.shape(rotation)[:-2], 4))
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """The rotation matrix (3, 3) of a quaternion (4,) of any length but zero, scalar first."""
+    w, x, y, z = quaternion
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + 2.0 / (quaternion @ quaternion) * (w * skew + skew @ skew))
 
 
 def rotation_vectors(quaternion: Array) -> Array:

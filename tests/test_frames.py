@@ -14,7 +14,10 @@ from handeye_fg.frames import (
     orthonormalised,
     pose,
     quaternion_xyzw,
+    quaternions,
     rotation_angle,
+    rotation_matrix,
+    rotation_vectors,
     scaled,
 )
 
@@ -134,3 +137,24 @@ def test_orthonormalised_is_the_nearest_rotation(xi: np.ndarray, error: np.ndarr
 
 def test_orthonormalised_of_a_reflection_is_a_rotation() -> None:
     assert np.linalg.det(orthonormalised(np.diag([1.0, 1.0, -0.5]))) > 0.0
+
+
+def test_quaternions_are_exact_at_every_angle() -> None:
+    """Against scipy; half turns about each axis among them, where the scalar vanishes."""
+    rng = np.random.default_rng(0)
+    half_turns = [np.diag(d) for d in ([1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0])]
+    rotations = np.concatenate(
+        [Rotation.random(200, rng=rng).as_matrix(), [np.eye(3), *half_turns]]
+    )
+    q = quaternions(rotations)
+    expected = Rotation.from_matrix(rotations).as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    np.testing.assert_allclose(q, expected, atol=1e-15)
+    np.testing.assert_allclose([rotation_matrix(3.0 * row) for row in q], rotations, atol=1e-14)
+    np.testing.assert_array_equal(quaternions(rotations[:6].reshape(2, 3, 3, 3))[1, 2], q[5])
+
+
+def test_rotation_vectors_go_on_beyond_half_turns() -> None:
+    angles = np.array([0.0, 1e-9, 1.0, 3.0, 3.3])
+    axis = np.array([0.6, 0.0, -0.8])
+    q = np.column_stack([np.cos(angles / 2.0), np.sin(angles / 2.0)[:, None] * axis])
+    np.testing.assert_allclose(rotation_vectors(q), angles[:, None] * axis, rtol=1e-14, atol=1e-24)

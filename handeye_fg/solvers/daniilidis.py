@@ -7,7 +7,7 @@ Research 18(3), 1999. Its a is the robot's motion A = gi_T_gj, its b the camera'
 
 import numpy as np
 
-from handeye_fg.frames import Array
+from handeye_fg.frames import Array, rotation_matrix
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import MetricMotions, metres_per_radian, metric_motions, solution
 from handeye_fg.solvers.solution import Solution
@@ -47,44 +47,47 @@ def daniilidis(data: PosePairs | MotionPairs) -> Solution:
     q, q_dual = q / scale, q_dual / scale
     w, x = q[0], q[1:]
     t_X = 2.0 * length * (w * q_dual[1:] - q_dual[0] * x - np.cross(q_dual[1:], x))
-    return solution(motions, _matrix(q), t_X)
+    return solution(motions, rotation_matrix(q), t_X)
 
 
 def _null_space(motions: MetricMotions, length: float) -> Array:
-    """The two vectors (8, 2) nearest to the null space of the stacked equations (6 k, 8)."""
+    """The two vectors (8, 2) nearest to the null space of the stacked equations."""
     a, b = motions.q_A[:, 1:], motions.q_B[:, 1:]
     a_dual = _dual_vectors(motions.q_A, motions.t_A / length)
     b_dual = _dual_vectors(motions.q_B, motions.t_B / length)
-    # (31): [a - b, [a + b]_x, 0, 0; a' - b', [a' + b']_x, a - b, [a + b]_x] (q, q') = 0.
-    real, dual = _rows(a, b), _rows(a_dual, b_dual)
-    # T^T T, of T = (S_1 ... S_n) in (32), from the products of its blocks.
-    blocks = np.concatenate([real, dual], axis=2)
-    weighted = blocks * motions.weights[:, None, None]
-    products = weighted.reshape(-1, 8).T @ blocks.reshape(-1, 8)
-    normal = products[:4, :4] + products[4:, 4:]
-    normal = np.block([[normal, products[4:, :4]], [products[:4, 4:], products[:4, :4]]])
-    _, vectors = np.linalg.eigh(normal)
+    # (31): [a - b, [a + b]_x, 0, 0; a' - b', [a' + b']_x, a - b, [a + b]_x] (q, q') = 0. With the
+    # blocks P = [a - b, [a + b]_x] and P' alike, T^T T of the stacked system (32) is
+    # [P^T P + P'^T P', P'^T P; P^T P', P^T P].
+    parts = np.concatenate([a - b, a + b, a_dual - b_dual, a_dual + b_dual], axis=1)
+    moments = (parts.T * motions.weights) @ parts
+    real, mixed, dual = (
+        _products(moments[i : i + 6, j : j + 6]) for i, j in ((0, 0), (0, 6), (6, 6))
+    )
+    _, vectors = np.linalg.eigh(np.block([[real + dual, mixed.T], [mixed, real]]))
     return np.asarray(vectors[:, :2])
+
+
+def _products(moments: Array) -> Array:
+    """Sum of P^T P' (4, 4) from the sum of (d, s) (d', s')^T (6, 6), where P = [d, [s]_x].
+
+    [s]_x^T d' = d' x s, d^T [s']_x = (d x s')^T and [s]_x^T [s']_x = (s . s') I - s' s^T.
+    """
+    dd, ds, sd, ss = moments[:3, :3], moments[:3, 3:], moments[3:, :3], moments[3:, 3:]
+    result = np.empty((4, 4))
+    result[0, 0] = np.trace(dd)
+    result[0, 1:] = _crossed(ds)
+    result[1:, 0] = _crossed(sd.T)
+    result[1:, 1:] = np.trace(ss) * np.eye(3) - ss.T
+    return result
+
+
+def _crossed(moment: Array) -> Array:
+    """Sum of x x y (3,) from the sum of x y^T (3, 3)."""
+    return np.array(
+        [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
+    )
 
 
 def _dual_vectors(q: Array, t: Array) -> Array:
     """Vector parts (k, 3) of the dual parts t q / 2 of motions with unit quaternions q (k, 4)."""
     return 0.5 * (q[:, :1] * t + np.cross(t, q[:, 1:]))
-
-
-def _rows(a: Array, b: Array) -> Array:
-    """[a - b, [a + b]_x] (k, 3, 4) of vectors (k, 3)."""
-    s = a + b
-    rows = np.zeros((len(a), 3, 4))
-    rows[:, :, 0] = a - b
-    rows[:, 0, 2], rows[:, 0, 3] = -s[:, 2], s[:, 1]
-    rows[:, 1, 1], rows[:, 1, 3] = s[:, 2], -s[:, 0]
-    rows[:, 2, 1], rows[:, 2, 2] = -s[:, 1], s[:, 0]
-    return rows
-
-
-def _matrix(q: Array) -> Array:
-    """The rotation matrix of a unit quaternion (4,), scalar first."""
-    w, (x, y, z) = q[0], q[1:]
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + 2.0 * (w * skew + skew @ skew))

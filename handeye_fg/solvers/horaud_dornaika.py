@@ -8,7 +8,7 @@ B = ci_T_cj the camera's, X = gripper_T_camera (the paper exchanges robot and ca
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
-from handeye_fg.frames import Array, exp, orthonormalised
+from handeye_fg.frames import Array, orthonormalised, rotation_matrix
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import (
     in_lengths,
@@ -66,7 +66,7 @@ def horaud_dornaika(data: PosePairs | MotionPairs) -> Solution:
     moments[:, 6, :3] += correlation
     for _ in range(MAX_STEPS):
         step = _gauss_newton_step(moments, R, t)
-        R, t = R @ exp(np.concatenate([step[:3], np.zeros(3)]))[:3, :3], t + step[3:]
+        R, t = R @ rotation_matrix(np.array([2.0, *step[:3]])), t + step[3:]
         if np.linalg.norm(step) < CONVERGED:
             return solution(motions, R, length * t)
     raise ConvergenceError(

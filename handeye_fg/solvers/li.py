@@ -25,6 +25,9 @@ from handeye_fg.solvers.solution import Solution
 # The linear R_Z of exact data is a rotation, of norm sqrt(3). The equations of rotation are
 # homogeneous: what keeps it from zero are the robot's positions alone.
 LEAST_NORM = 0.5
+# Least over greatest eigenvalue of the normal equations below which they are singular: rounding
+# (1e-16) then leaves a millionth of a degree.
+SINGULAR = 1e-8
 
 
 def li(data: PosePairs | MotionPairs) -> Solution:
@@ -71,8 +74,9 @@ def _linear_rotations(poses: PosePairs, moments: Array) -> tuple[Array, Array]:
         unknowns = [3 * c, 3 * c + 1, 3 * c + 2, 9, 10, 11]
         normal[np.ix_(unknowns, unknowns)] += G[:6, :6]
         right[unknowns] += G[:6, 6]
-    z = np.linalg.lstsq(normal, right, rcond=1e-13)[0][:9]
-    if np.linalg.norm(z) < LEAST_NORM:
+    values, vectors = np.linalg.eigh(normal)
+    z = (vectors / np.maximum(values, SINGULAR * values[-1]) @ (vectors.T @ right))[:9]
+    if values[0] < SINGULAR * values[-1] or np.linalg.norm(z) < LEAST_NORM:
         raise UnobservableError(
             "the robot's positions do not tell the size of R_Z, on which li depends: the gripper "
             "hardly moved, or the camera's translations are not in metres; add poses that move it "

@@ -7,7 +7,7 @@ motion A = gi_T_gj, its H_cij the camera's B = ci_T_cj, its H_cg X = gripper_T_c
 
 import numpy as np
 
-from handeye_fg.frames import Array
+from handeye_fg.frames import rotation_matrix
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.solvers.metric import metric_motions, solution, translation
 from handeye_fg.solvers.solution import Solution
@@ -40,13 +40,7 @@ def tsai_lenz(data: PosePairs | MotionPairs) -> Solution:
     weighted = s * motions.weights[:, None]
     normal = np.sum(weighted * s) * np.eye(3) - weighted.T @ s
     P = np.linalg.solve(normal, np.sum(np.cross(d, weighted), axis=0))
-    R_X = _rotation(P) @ motions.R_start
+    # (14) and (10): P' = tan(angle / 2) axis is the quaternion (1, P') but for its length.
+    R_X = rotation_matrix(np.array([1.0, *P])) @ motions.R_start
     # (15): (R_gij - I) T_cg = R_cg T_cij - T_gij.
     return solution(motions, R_X, translation(motions.moments, R_X))
-
-
-def _rotation(P: Array) -> Array:
-    """The rotation matrix of tan(angle / 2) axis: (14) put into (10)."""
-    x, y, z = P
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + 2.0 / (1.0 + P @ P) * (skew + skew @ skew))
