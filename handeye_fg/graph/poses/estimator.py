@@ -170,7 +170,7 @@ def _with_fitting_rows(
     allowed = int(_MOST * np.count_nonzero(usable))
     for _ in range(_MAX_ROUNDS):
         squares = _squares(problem, fit, rows)
-        freedom = fit.freedom
+        freedom = fit.certainty.freedom
         limit = 6.0 * float(stats.f.isf(_FALSE_ALARM / len(usable), 6, freedom))
         best = np.sort(squares[usable])[-allowed - 1]
         fitting = usable & (squares <= max(limit, best))
@@ -209,7 +209,7 @@ def _squares(problem: Problem, fit: Fit, rows: Rows) -> Array:
 
 def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -> PoseGraph:
     """The optimum in the units of the input."""
-    freedom = fit.freedom
+    freedom = fit.certainty.freedom
     enough = max(freedom, _FEWEST)
     in_world_units = ("camera_across", "camera_along", "odometry_translation")
     return PoseGraph(
@@ -232,7 +232,7 @@ def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -
 def _covariance(fit: Fit, n: int, inflation: float) -> Array:
     """That of a t distribution, less the information that only noise feigns."""
     variances, vectors = np.linalg.eigh(
-        inflation * fit.estimate.covariance / np.outer(LIMITS, LIMITS)
+        inflation * fit.certainty.covariance / np.outer(LIMITS, LIMITS)
     )
     # Robot and camera noise together are both the error of the motions and that of the residuals.
     rotations = [s for name, s in fit.sigmas.items() if name.endswith("rotation")]

@@ -12,7 +12,7 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, log
 from handeye_fg.graph.measurements import joined
 from handeye_fg.graph.optimise import optimise
-from handeye_fg.graph.poses.components import Estimate, Guess, degrees_of_freedom, estimate
+from handeye_fg.graph.poses.components import Certainty, Estimate, Guess, certainty, estimate
 from handeye_fg.graph.poses.measurements import (
     Columns,
     Component,
@@ -65,7 +65,7 @@ class Fit:
 
     state: State
     estimate: Estimate
-    freedom: float
+    certainty: Certainty
     model: NoiseModel
     converged: bool
 
@@ -156,7 +156,7 @@ def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit
             return Fit(
                 state=_state(values, columns),
                 estimate=found,
-                freedom=degrees_of_freedom(linear, guess, found.variances, columns.wanted),
+                certainty=certainty(linear, guess, found.variances, columns.wanted),
                 model=model,
                 converged=converged,
             )

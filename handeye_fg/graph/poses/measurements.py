@@ -15,7 +15,7 @@ from scipy import sparse
 
 from factors import robot_pose_factor
 from handeye_fg.frames import Array
-from handeye_fg.graph.poses.components import ChainRows
+from handeye_fg.graph.poses.chain import ChainRows
 from handeye_fg.graph.variables import BASE_T_WORLD, GRIPPER_T_CAMERA, camera_key
 
 CameraNoise = Literal["independent", "odometry"]
