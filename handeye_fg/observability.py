@@ -161,7 +161,10 @@ def _complement(covariance: Array) -> Array:
     if free.shape[1] == 0:
         return covariance
     kept = linalg.null_space(free.T)
-    return np.asarray(kept @ (kept.T @ covariance @ kept) @ kept.T)
+    inside = kept.T @ covariance @ kept
+    # Free variances are huge, and so is their rounding: symmetric, it stays inside.
+    result = kept @ (0.5 * (inside + inside.T)) @ kept.T
+    return np.asarray(0.5 * (result + result.T))
 
 
 def _log_scale_std(covariance: Array) -> float:

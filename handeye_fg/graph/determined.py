@@ -46,8 +46,12 @@ def determined(state: State, linearised: Linearised, solution: Solution) -> Dete
     to_joint = _x_and_scale(state, linearised.layout)
     joint = inflation * to_joint @ solution.covariance @ to_joint.T
     variances, vectors = np.linalg.eigh(joint / np.outer(LIMITS, LIMITS))
-    predicted = predicted_covariance(linearised.robot, solution.covariance)
-    variance = np.diagonal(predicted, axis1=1, axis2=2).mean(axis=0).reshape(2, 3).mean(axis=1)
+    robot = linearised.robot
+    predicted = predicted_covariance(robot, solution.covariance)
+    variance = np.diagonal(predicted, axis1=1, axis2=2)
+    # Before the optimum, the poses are off by more: by what the step is going to correct.
+    correction = np.einsum("nij,nj->ni", robot.jacobian, solution.step[robot.columns])
+    variance = (variance + correction**2).mean(axis=0).reshape(2, 3).mean(axis=1)
     noise = solution.noise
     feigned = feigned_information(
         state.gripper_T_camera,
