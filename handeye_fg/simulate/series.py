@@ -82,6 +82,7 @@ def simulate_draws(
     n_motions: int,
     amplitude: Amplitude,
     sigma: float,
+    translation_sigma: float | None = None,
 ) -> Draws:
     """Draw calibrations.
 
@@ -91,6 +92,7 @@ def simulate_draws(
         n_motions: number of motions k of each.
         amplitude: of the robot's motions; X has the amplitude ``LARGE``.
         sigma: relative noise of the camera's motions.
+        translation_sigma: that of their translations, where it is another one; None: ``sigma``.
     """
     X = _random_poses(rng, (n_draws, 1), LARGE)
     A = _random_poses(rng, (n_draws, n_motions), amplitude)
@@ -98,20 +100,24 @@ def simulate_draws(
     return Draws(
         gripper_T_camera=X[:, 0],
         gi_T_gj=A,
-        ci_T_cj=with_proportional_noise(rng, B, sigma),
+        ci_T_cj=with_proportional_noise(
+            rng, B, sigma, sigma if translation_sigma is None else translation_sigma
+        ),
         metres_per_world_unit=np.exp(rng.uniform(np.log(0.05), np.log(5.0), n_draws)),
     )
 
 
-def with_proportional_noise(rng: np.random.Generator, ci_T_cj: Array, sigma: float) -> Array:
+def with_proportional_noise(
+    rng: np.random.Generator, ci_T_cj: Array, rotation_sigma: float, translation_sigma: float
+) -> Array:
     """Motions (..., 4, 4) with noise in proportion to their angles and lengths."""
     shape = ci_T_cj.shape[:-2]
     roll_pitch_yaw = Rotation.from_matrix(ci_T_cj[..., :3, :3].reshape(-1, 3, 3)).as_euler("xyz")
-    roll_pitch_yaw *= 1.0 + sigma * rng.standard_normal(roll_pitch_yaw.shape)
+    roll_pitch_yaw *= 1.0 + rotation_sigma * rng.standard_normal(roll_pitch_yaw.shape)
     rotation = Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix().reshape(*shape, 3, 3)
     t = ci_T_cj[..., :3, 3]
     length = np.linalg.norm(t, axis=-1, keepdims=True)
-    return pose(rotation, t + sigma * length * rng.standard_normal(t.shape))
+    return pose(rotation, t + translation_sigma * length * rng.standard_normal(t.shape))
 
 
 def errors(draws: Draws, solve: Solve, *, scale_known: bool = True) -> Errors:
