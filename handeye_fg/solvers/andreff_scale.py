@@ -93,11 +93,8 @@ def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
     Returns:
         The rotation, or all rotations that fit equally well.
     """
-    k, weights = len(pairs), np.asarray(pairs.weights)
-    R_A = pairs.gi_T_gj[:, :3, :3].reshape(k, 9) * weights[:, None]
-    R_B = pairs.ci_T_cj[:, :3, :3].reshape(k, 9)
-    # Sum of R_A kron R_B: entry (3 i + a, 3 j + b) is the sum of R_A[i, j] R_B[a, b].
-    total = (R_A.T @ R_B).reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9)
+    weights = np.asarray(pairs.weights)
+    total = kronecker_sum(pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, :3], weights)
     weight = float(weights.sum())
     values, vectors = np.linalg.eigh(2.0 * weight * np.eye(9) - total - total.T)
     # What a rotation does that is off by `noise`: |R(noise) - I|_F^2 = 2 noise^2 for each motion.
@@ -122,6 +119,16 @@ def rotations_from_kronecker(pairs: MotionPairs, noise: float) -> list[Array]:
     return [
         R for R, misfit in zip(candidates, misfits, strict=True) if misfit <= best_misfit + limit
     ]
+
+
+def kronecker_sum(R_A: Array, R_B: Array, weights: Array) -> Array:
+    """Sum (9, 9) of w R_A kron R_B over rotations (k, 3, 3).
+
+    Entry (3 i + a, 3 j + b) is the sum of w R_A[i, j] R_B[a, b].
+    """
+    k = len(weights)
+    products = (R_A.reshape(k, 9) * weights[:, None]).T @ R_B.reshape(k, 9)
+    return np.asarray(products.reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9))
 
 
 def _projected(vector: Array) -> Array:

@@ -16,8 +16,8 @@ from handeye_fg.solvers.solution import Solution
 def daniilidis(data: PosePairs | MotionPairs) -> Solution:
     """Solve A X = X B by the singular vectors of one linear system (method M2).
 
-    Lengths are measured by the typical translation, so that the result does not depend on the unit.
-    The noise of the translations spoils the rotation a little: the price of a joint solution.
+    Lengths are measured in ``metres_per_radian``, so that the result does not depend on the unit and
+    the noise of the translations hardly spoils the rotation.
 
     Args:
         data: robot motions A and camera motions B, both in metres, or poses that they are made of.

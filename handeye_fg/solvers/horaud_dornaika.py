@@ -19,7 +19,7 @@ from handeye_fg.solvers.metric import (
 )
 from handeye_fg.solvers.solution import Solution
 
-# A step (radians, and lengths in units of the typical translation) that changes nothing any more.
+# A step (radians, and lengths in the common unit) that changes nothing any more.
 CONVERGED = 1e-11
 # Each step leaves a part of the error that is as small as the noise: a handful is enough.
 MAX_STEPS = 50
@@ -28,8 +28,8 @@ MAX_STEPS = 50
 def horaud_dornaika(data: PosePairs | MotionPairs) -> Solution:
     """Solve A X = X B by minimising rotation and translation errors at once (method M3).
 
-    The sum over the motions, with v = sin(angle / 2) axis and lengths in units of the typical
-    translation, is
+    The sum over the motions, with v = sin(angle / 2) axis and lengths in a unit in which both errors
+    are alike (``metres_per_radian``), is
 
         |v_A - R_X v_B|^2 + |R_X t_B - (R_A - I) t_X - t_A|^2.
 

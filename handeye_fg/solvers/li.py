@@ -10,11 +10,11 @@ import numpy as np
 from handeye_fg.errors import UnobservableError
 from handeye_fg.frames import Array, orthonormalised
 from handeye_fg.motions import MotionPairs, PosePairs
+from handeye_fg.solvers.andreff_scale import kronecker_sum
 from handeye_fg.solvers.metric import (
-    base_T_world,
     centred_moments,
     in_lengths,
-    kronecker_sum,
+    mean_base_T_world,
     metres_per_radian,
     metric_poses,
     solution,
@@ -33,7 +33,7 @@ SINGULAR = 1e-8
 def li(data: PosePairs | MotionPairs) -> Solution:
     """Solve A X = Z B for the entries of both rotations and translations at once.
 
-    Lengths are measured by the typical translation, so that the result does not depend on the unit.
+    Lengths are measured in ``metres_per_radian``, so that the result does not depend on the unit.
     Once the rotations are orthogonal, the translations are found again from them.
 
     Args:
@@ -53,7 +53,7 @@ def li(data: PosePairs | MotionPairs) -> Solution:
     z, x = _linear_rotations(poses, in_lengths(moments, metres_per_radian(motions)))
     R_X, R_Z = orthonormalised(x), orthonormalised(z)
     t_X = translation(moments, R_Z)
-    return solution(motions, R_X, t_X, base_T_world(poses, R_Z, t_X))
+    return solution(motions, R_X, t_X, mean_base_T_world(poses, R_Z, t_X))
 
 
 def _linear_rotations(poses: PosePairs, moments: Array) -> tuple[Array, Array]:

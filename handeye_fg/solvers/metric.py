@@ -127,22 +127,12 @@ def centred_moments(poses: PosePairs) -> Array:
     )
 
 
-def base_T_world(poses: PosePairs, R_Z: Array, t_X: Array) -> Array:
+def mean_base_T_world(poses: PosePairs, R_Z: Array, t_X: Array) -> Array:
     """Z (4, 4) of its rotation, and the mean of ``t_Z = R_A t_X + t_A - R_Z t_B``."""
     R_A, t_A, t_B, weights = _parts(poses)
     return pose(
         R_Z, np.tensordot(weights, R_A, axes=1) @ t_X + weights @ t_A - R_Z @ (weights @ t_B)
     )
-
-
-def kronecker_sum(R_A: Array, R_B: Array, weights: Array) -> Array:
-    """Sum (9, 9) of w R_A kron R_B over rotations (k, 3, 3).
-
-    Entry (3 i + a, 3 j + b) is the sum of w R_A[i, j] R_B[a, b].
-    """
-    k = len(weights)
-    products = (R_A.reshape(k, 9) * weights[:, None]).T @ R_B.reshape(k, 9)
-    return np.asarray(products.reshape(3, 3, 3, 3).transpose(0, 2, 1, 3).reshape(9, 9))
 
 
 def metres_per_radian(motions: MetricMotions) -> float:
@@ -187,7 +177,6 @@ def _determining(pairs: MotionPairs) -> MetricMotions:
     weights = weights / weights.mean()
     noise = _require_two_axes(q_A, q_B, weights)
     candidates = rotations_from_kronecker(pairs, max(NO_ROTATION, noise))
-
     moments = translation_moments(
         pairs.ci_T_cj[:, :3, 3], R_A - np.eye(3), pairs.gi_T_gj[:, :3, 3], weights
     )

@@ -9,10 +9,10 @@ import numpy as np
 
 from handeye_fg.frames import orthonormalised
 from handeye_fg.motions import MotionPairs, PosePairs
+from handeye_fg.solvers.andreff_scale import kronecker_sum
 from handeye_fg.solvers.metric import (
-    base_T_world,
     centred_moments,
-    kronecker_sum,
+    mean_base_T_world,
     metric_poses,
     solution,
     translation,
@@ -52,4 +52,4 @@ def shah(data: PosePairs | MotionPairs) -> Solution:
     R_X = orthonormalised((parts @ right[same]).reshape(3, 3))
     R_Z = orthonormalised((left[:, same] @ parts).reshape(3, 3))
     t_X = translation(centred_moments(poses), R_Z)
-    return solution(motions, R_X, t_X, base_T_world(poses, R_Z, t_X))
+    return solution(motions, R_X, t_X, mean_base_T_world(poses, R_Z, t_X))
