@@ -104,14 +104,21 @@ def _charuco(pattern: Charuco) -> Detector:
         size, pattern.square_m, pattern.marker_m, _dictionary(pattern.dictionary)
     )
     board.setLegacyPattern(pattern.legacy)
-    search = cv2.aruco.CharucoDetector(board)
+    searches = [cv2.aruco.CharucoDetector(board)]
+    # Dirty or overprinted markers, where clean ones are too few: their corners are tested later.
+    tolerant = cv2.aruco.DetectorParameters()
+    tolerant.errorCorrectionRate, tolerant.maxErroneousBitsInBorderRate = 1.0, 0.6
+    searches.append(cv2.aruco.CharucoDetector(board, cv2.aruco.CharucoParameters(), tolerant))
     free = 0.5 * (
         1.0 - pattern.marker_m / pattern.square_m
     )  # from a corner to a marker, in squares
 
     def detect(grey: Grey) -> tuple[Indices, Array]:
-        pixels, numbers, _, _ = search.detectBoard(grey)
-        if not _any(numbers) or len(numbers) < FEWEST_CORNERS:
+        for search in searches:
+            pixels, numbers, _, _ = search.detectBoard(grey)
+            if _any(numbers) and len(numbers) >= FEWEST_CORNERS:
+                break
+        else:
             return _NOTHING
         corners = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         square = float(np.min(np.asarray(KDTree(corners).query(corners, k=2)[0])[:, 1]))

@@ -1,0 +1,25 @@
+"""The notebooks run from beginning to end; real data sets are left out."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.e2e
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(notebook: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "pytest.ini"  # its own: nbmake's plugin is not under this project's rules
+    settings.write_text("[pytest]\n", encoding="utf-8")
+    environment = {k: v for k, v in os.environ.items() if k != "HANDEYE_FG_REAL_DATA"}
+    command = [
+        *(sys.executable, "-m", "pytest", "--nbmake", "--nbmake-timeout=600", "-q"),
+        *("-c", str(settings), "-p", "no:cacheprovider", str(notebook)),
+    ]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
