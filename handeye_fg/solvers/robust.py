@@ -21,7 +21,7 @@ from scipy.special import stdtrit
 
 from handeye_fg.frames import Array, inverse, scaled
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
-from handeye_fg.solvers.andreff_scale import NO_FIT, NORMAL_MEDIAN
+from handeye_fg.solvers.andreff_scale import NORMAL_MEDIAN
 from handeye_fg.solvers.batched import Turning, rotation_spread, solved, turning_of
 from handeye_fg.solvers.residuals import average_base_T_world, differences, motion_residuals
 from handeye_fg.types import Indices
@@ -41,6 +41,17 @@ _BLOCK = 2**14
 _FALSE_ALARM = 1e-3
 # Residuals below this part of the largest coordinate are rounding.
 _ROUNDING = 1e-9
+# So many rows beyond those that determine X must agree: with fewer, and hundreds of samples, poses
+# of another convention (inverted, transposed) agree by chance.
+_REDUNDANT = 3
+# Wrong rows are off by tens of degrees, or by as much as the camera moves. Where rows that agree may
+# differ by more than this (radians; part of the camera's extent), either nothing tells wrong rows
+# apart or nothing fits. A bad arm of 1 degree and 4 mm has half of it.
+_APART_ROTATION = math.radians(20.0)
+_APART_TRANSLATION = 0.5
+# Rotations about several axes that agree within this (radians) suffice: of a gripper that turns about
+# its own origin the translations say nothing.
+_ROTATION_ALONE = math.radians(2.0)
 # Rows nearer to each other than this part of the spread of all are repetitions.
 _SAME = 0.02
 # Trusted rows that turn less than this part of all rows about a second axis may fit an X that is
@@ -118,15 +129,15 @@ def trusted_rows(data: PosePairs | MotionPairs, *, scale_known: bool, seed: int 
     # Rows that repeat each other agree whatever X is: one of them speaks for all.
     distinct = _distinct(data)
     size = 3 if isinstance(data, PosePairs) else 2
-    # One row more than determine X agrees with them by an X that is wrong; two more do not.
-    if len(distinct) < size + 2:
+    fewest = size + _REDUNDANT
+    if len(distinct) <= fewest:
         return everything
     rows = only(data, distinct)
     problem = _Problem(
         data=rows,
         turning=turning_of(as_motions(rows)),
         scale_known=scale_known,
-        majority=max(len(rows) // 2, size + 1),
+        majority=max(len(rows) // 2, fewest),
         floor=_rounding(rows),
     )
     samples = _samples(len(rows), size, np.random.default_rng(seed))
@@ -281,12 +292,23 @@ def _credible(problem: _Problem, best: _Candidate) -> bool:
     Not where nothing fits (another convention), nor where the others have the motions that
     determine X.
     """
-    if float(np.median(best.fit.residuals[best.rows, 0])) > NO_FIT:
+    data, limit = problem.data, best.limit
+    _, camera = _both(data)
+    places = best.fit.metres_per_world_unit * camera[best.rows, :3, 3]
+    if isinstance(data, PosePairs):
+        places = places - places.mean(axis=0)
+        # Errors that accumulate are small from row to row.
+        limit = np.minimum(limit, _step_limits(data, best.fit, best.rows, problem.floor))
+    extent = math.sqrt(float(np.mean(np.sum(places**2, axis=1))))
+    general = problem.turning == "general"
+    if limit[0] > _APART_ROTATION:
         return False
-    if problem.turning != "general":
+    if limit[1] > _APART_TRANSLATION * extent and not (general and limit[0] < _ROTATION_ALONE):
+        return False
+    if not general:
         return True
-    agreeing = rotation_spread(as_motions(only(problem.data, best.rows)))
-    return bool(agreeing[1] >= _RICH * rotation_spread(as_motions(problem.data))[1])
+    agreeing = rotation_spread(as_motions(only(data, best.rows)))
+    return bool(agreeing[1] >= _RICH * rotation_spread(as_motions(data))[1])
 
 
 def _along_sequence(data: PosePairs, fit: _Fit, trusted: Rows, floor: Array) -> Rows:
@@ -294,8 +316,7 @@ def _along_sequence(data: PosePairs, fit: _Fit, trusted: Rows, floor: Array) -> 
 
     The motion between two neighbours is judged against that between trusted neighbours.
     """
-    known = np.flatnonzero(trusted)
-    limit = _limits(_steps(data, fit, known[:-1], known[1:]), len(data), floor)
+    limit = _step_limits(data, fit, trusted, floor)
     rows = trusted.copy()
     for order in (range(len(rows)), range(len(rows) - 1, -1, -1)):
         before = -1
@@ -306,6 +327,12 @@ def _along_sequence(data: PosePairs, fit: _Fit, trusted: Rows, floor: Array) -> 
             if rows[row]:
                 before = row
     return rows
+
+
+def _step_limits(data: PosePairs, fit: _Fit, trusted: Rows, floor: Array) -> Array:
+    """Limits (2,) of the motions between neighbours, from those of trusted rows."""
+    known = np.flatnonzero(trusted)
+    return _limits(_steps(data, fit, known[:-1], known[1:]), len(data), floor)
 
 
 def _steps(data: PosePairs, fit: _Fit, i: Indices, j: Indices) -> Array:
