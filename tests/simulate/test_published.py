@@ -53,16 +53,16 @@ def test_exact_without_noise(name: str, amplitude: Amplitude) -> None:
     ("solve", "flag"), [(tsai_lenz, "HAND_EYE_TSAI"), (daniilidis, "HAND_EYE_DANIILIDIS")]
 )
 def test_agrees_with_opencv(solve: Method, flag: str) -> None:
-    """OpenCV takes poses and forms all motions between them.
+    """OpenCV takes poses, and forms all motions between them, from the later to the earlier.
 
     Motions below 120 degrees: there OpenCV's quaternions have a positive scalar part, too.
     """
     rng = np.random.default_rng(1)
-    amplitude = Amplitude(translation=1.0, rotation=0.8)
+    amplitude = Amplitude(translation=1.0, rotation=1.0)
     drawn = simulate_draws(rng, n_draws=1, n_motions=5, amplitude=amplitude, sigma=0.0)
     base_T_gripper = drawn.gi_T_gj[0]
     world_T_camera = disturbed(rng, base_T_gripper @ drawn.gripper_T_camera[0], 0.02, 0.01)
-    i, j = np.triu_indices(len(base_T_gripper), k=1)
+    j, i = np.triu_indices(len(base_T_gripper), k=1)
     A = inverse(base_T_gripper)[i] @ base_T_gripper[j]
     B = inverse(world_T_camera)[i] @ world_T_camera[j]
     camera_T_world = inverse(world_T_camera)
