@@ -39,6 +39,8 @@ _PACKAGES = ("handeye-fg", "numpy", "scipy")
 # motion (root mean squares over motions).
 _CONTRADICTION_ROTATION = math.radians(15.0)
 _CONTRADICTION_TRANSLATION = 0.5
+# Logarithm of a scale that no inaccurate board or map explains.
+_OTHER_UNIT = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -191,6 +193,8 @@ def _closed_form(
 
     def answer_of(solution: Solution, name: str, priors: Sequence[Prior]) -> _Answer:
         start = start_of(rows, solution, name)
+        if scale_known:
+            _require_metres(rows, start)
         _require_agreement(rows, start)
         covariance = first_order_covariance(rows, solution, scale_known=scale_known, priors=priors)
         return _Answer(
@@ -268,6 +272,25 @@ def _camera_noise(levels: Mapping[str, float], metres_per_world_unit: float) -> 
     return figures
 
 
+def _require_metres(data: PosePairs | MotionPairs, start: LinearStart) -> None:
+    """Refuse camera translations in another unit: a wrong X absorbs much of a wrong scale.
+
+    Raises:
+        InputDataError: they fit much better with another scale.
+    """
+    with suppress(UnobservableError):
+        other = start_of(data, METHODS["andreff_scale"].solve(data), "andreff_scale")
+        unit = other.metres_per_world_unit
+        if (
+            abs(math.log(unit)) > _OTHER_UNIT
+            and other.residual_translation < 0.5 * start.residual_translation
+        ):
+            raise InputDataError(
+                f"the camera's translations are not in metres: they fit the robot's with {unit:.4g} "
+                "metres per unit; convert them, or use andreff_scale or pose_graph, which find the unit"
+            )
+
+
 def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> None:
     """Refuse an answer in which robot and camera contradict each other.
 
@@ -284,8 +307,7 @@ def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> Non
             f"robot and camera contradict each other: over the motions they differ by "
             f"{math.degrees(start.residual_rotation):.2g} deg and "
             f"{1e3 * start.residual_translation:.3g} mm, and the camera moved by {1e3 * motion:.3g} "
-            "mm; check that rows belong together, the conventions, and the units (only andreff_scale "
-            "takes camera translations that are not in metres)"
+            "mm; check the conventions, and that rows belong together"
         )
 
 
