@@ -1,10 +1,10 @@
-# Targets: demo, test, check. Each makes its environment once; later runs need no network.
+# Targets: demo, test, check, notebooks. Each makes its environment once; later runs need no network.
 # A changed pyproject.toml brings an environment up to date.
 
 PYTHON ?= python3
 OUT := out/tabletop
 
-.PHONY: demo test check clean
+.PHONY: demo test check notebooks clean
 .DELETE_ON_ERROR:
 
 # The installed package is a copy, so the demo's environment depends on the sources as well.
@@ -34,6 +34,10 @@ test: .env-test/done
 	.env-test/bin/python -m pip install --quiet --upgrade pip
 	.env-test/bin/python -m pip install --quiet --editable . --group dev
 	touch $@
+
+# In place, with all draws; cells that need data outside the repository say that they are left out.
+notebooks: .env-test/done
+	OMP_NUM_THREADS=1 .env-test/bin/jupyter execute --inplace notebooks/*.ipynb
 
 check: .env-test/done .env-wheel/done
 	.env-test/bin/ruff check

@@ -1,4 +1,4 @@
-"""The notebooks run from beginning to end; real data sets are left out."""
+"""The notebooks run from beginning to end; real data sets are left out, and random draws are few."""
 
 import os
 import subprocess
@@ -17,6 +17,7 @@ def test_notebook_runs(notebook: Path, tmp_path: Path) -> None:
     settings = tmp_path / "pytest.ini"  # its own: nbmake's plugin is not under this project's rules
     settings.write_text("[pytest]\n", encoding="utf-8")
     environment = {k: v for k, v in os.environ.items() if k != "HANDEYE_FG_REAL_DATA"}
+    environment["HANDEYE_FG_DRAWS"] = "4"
     command = [
         *(sys.executable, "-m", "pytest", "--nbmake", "--nbmake-timeout=600", "-q"),
         *("-c", str(settings), "-p", "no:cacheprovider", str(notebook)),
