@@ -1,6 +1,7 @@
 import copy
 import dataclasses
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -387,3 +388,44 @@ def test_image_reports_are_checked_and_read_only() -> None:
     report = ImageReport(name="a", registered=True, base_T_camera=np.eye(4))
     assert report.base_T_camera is not None
     assert not report.base_T_camera.flags.writeable
+
+
+def test_what_a_method_does_not_give_is_null(changed: Any, tmp_path: Path) -> None:
+    whole = changed()
+    result = changed(
+        covariance=None,
+        metres_per_world_unit_std=math.nan,
+        base_T_world=None,
+        noise=None,
+        initial=dataclasses.replace(whole.initial, base_T_world=None),
+        camera=None,
+        intrinsics_refined=False,
+        intrinsics_std=None,
+        intrinsics_note="",
+        sfm=None,
+    )
+    document = json.loads(result.save(tmp_path).read_text())
+    VALIDATOR.validate(document)
+    for key in ("base_T_world", "noise", "intrinsics", "sfm"):
+        assert document[key] is None
+    assert document["calibration"]["covariance"] is None
+    assert document["calibration"]["std_rotation_deg"] == [None, None, None]
+    assert document["metres_per_world_unit"]["std"] is None
+    assert to_document(load_result(tmp_path)) == document
+
+
+def test_noise_without_images_has_no_pixels(changed: Any, tmp_path: Path) -> None:
+    without_images = {"camera": None, "intrinsics_std": None, "intrinsics_refined": False}
+    noise = dataclasses.replace(changed().noise, pixel=math.nan)
+    result = changed(noise=noise, sfm=None, intrinsics_note="", **without_images)
+    document = json.loads(result.save(tmp_path).read_text())
+    VALIDATOR.validate(document)
+    assert document["noise"]["pixel_px"] is None
+    assert load_result(tmp_path).noise is not None
+    with pytest.raises(ValueError, match="pixel is nan"):
+        changed(noise=noise)
+
+
+def test_intrinsics_are_whole_or_missing(changed: Any) -> None:
+    with pytest.raises(ValueError, match="camera and intrinsics_std"):
+        changed(camera=None)
