@@ -33,8 +33,8 @@ from handeye_fg.types import LinearStart
 # A robot pose as improbable as this among n good ones (over n) disagrees.
 _FALSE_ALARM = 1e-2
 _MOST = 0.5  # of the poses that may be left out
+_NORMAL = 1e6  # degrees of freedom of what is as good as a normal distribution
 _MAX_ROUNDS = 12
-_FEWEST = 3.0  # degrees of freedom from which a t distribution has a usable variance
 _CONCERNED = 0.1  # part of a free direction from which X is concerned
 _HELD_SCALE = 1e-3  # of the logarithm of a scale that is kept where it is
 
@@ -170,7 +170,7 @@ def _with_fitting_rows(
     allowed = int(_MOST * np.count_nonzero(usable))
     for _ in range(_MAX_ROUNDS):
         squares = _squares(problem, fit, rows)
-        freedom = fit.certainty.freedom
+        freedom = min(fit.certainty.freedom, _NORMAL)
         limit = 6.0 * float(stats.f.isf(_FALSE_ALARM / len(usable), 6, freedom))
         best = np.sort(squares[usable])[-allowed - 1]
         fitting = usable & (squares <= max(limit, best))
@@ -209,15 +209,13 @@ def _squares(problem: Problem, fit: Fit, rows: Rows) -> Array:
 
 def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -> PoseGraph:
     """The optimum in the units of the input."""
-    freedom = fit.certainty.freedom
-    enough = max(freedom, _FEWEST)
     in_world_units = ("camera_across", "camera_along", "odometry_translation")
     return PoseGraph(
         gripper_T_camera=fit.state.gripper_T_camera,
         base_T_world=fit.state.base_T_world,
         metres_per_world_unit=unit * float(np.exp(fit.state.log_scale[0])),
-        covariance=_covariance(fit, int(np.count_nonzero(rows)), enough / (enough - 2.0)),
-        degrees_of_freedom=freedom,
+        covariance=_covariance(fit, int(np.count_nonzero(rows))),
+        degrees_of_freedom=fit.certainty.freedom,
         noise={
             name: sigma / unit if name in in_world_units else sigma
             for name, sigma in fit.sigmas.items()
@@ -229,11 +227,9 @@ def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -
     )
 
 
-def _covariance(fit: Fit, n: int, inflation: float) -> Array:
+def _covariance(fit: Fit, n: int) -> Array:
     """That of a t distribution, less the information that only noise feigns."""
-    variances, vectors = np.linalg.eigh(
-        inflation * fit.certainty.covariance / np.outer(LIMITS, LIMITS)
-    )
+    variances, vectors = np.linalg.eigh(fit.certainty.covariance / np.outer(LIMITS, LIMITS))
     # Robot and camera noise together are both the error of the motions and that of the residuals.
     rotations = [s for name, s in fit.sigmas.items() if name.endswith("rotation")]
     distances = [s for name, s in fit.sigmas.items() if not name.endswith(("rotation", "drift"))]

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import L
 from numpy.typing import NDArray
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.frames import Array, inverse, log
+from handeye_fg.frames import Array, inverse, log, scaled
 from handeye_fg.graph.measurements import joined
 from handeye_fg.graph.optimise import optimise
 from handeye_fg.graph.poses.components import Certainty, Estimate, Guess, certainty, estimate
@@ -53,6 +53,12 @@ class State:
     gripper_T_camera: Array
     base_T_world: Array
     log_scale: Array
+
+    def only(self, rows: Rows) -> "State":
+        """The state with some of its poses."""
+        return replace(
+            self, world_T_camera=self.world_T_camera[rows], log_scale=self.log_scale[rows]
+        )
 
     def moved_by(self, values: gtsam.Values) -> Array:
         """Twist (6,) from this X to that of the values."""
@@ -124,14 +130,13 @@ class Problem:
 
 def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit:
     """Optimum and noise levels in turn, until X stays the same."""
-    part = problem.only(rows)
+    part, first = problem.only(rows), first.only(rows)
     n = len(part.base_T_gripper)
     _require_enough(n, problem)
     measurements = part.measurements(model)
     columns = Columns(n_poses=n, scale=model.scale)
-    guess = _first_guess(part, first, model)
-    sigmas = _named(model, guess.variances)
-    values, before, rounds = _values(first, rows, model), np.zeros(6), _MAX_ROUNDS
+    sigmas = _named(model, _guess(part, first, model).variances)
+    values, before, rounds = _values(first, model), np.zeros(6), _MAX_ROUNDS
     while True:
         optimum = optimise(
             graph_of(measurements, joined([part.priors, part.held]), sigmas),
@@ -142,6 +147,7 @@ def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit
         )
         values = optimum.values
         linear = rows_of(measurements, part.priors, values, columns, model.components)
+        guess = _guess(part, _state(values, columns), model)
         start = np.array([sigmas[name] ** 2 for name in model.components])
         found = estimate(linear, guess, start, columns.wanted)
         sigmas = _named(model, found.variances)
@@ -176,14 +182,14 @@ def _named(model: NoiseModel, variances: Array) -> dict[Component, float]:
     return dict(zip(model.components, np.sqrt(variances).tolist(), strict=True))
 
 
-def _first_guess(problem: Problem, first: State, model: NoiseModel) -> Guess:
-    """First variance of each component, and whether it is the user's.
+def _guess(problem: Problem, state: State, model: NoiseModel) -> Guess:
+    """Rough variance of each component at some X, Z and scale, and whether it is the user's.
 
     From motions to the next pose, which accumulated errors do not spoil; by their median, which a
     few wrong ones do not.
     """
-    A, B = problem.base_T_gripper, problem.world_T_camera
-    predicted = first.base_T_world @ B @ inverse(first.gripper_T_camera)
+    A, B = problem.base_T_gripper, scaled(problem.world_T_camera, np.exp(state.log_scale)[:, None])
+    predicted = state.base_T_world @ B @ inverse(state.gripper_T_camera)
     if problem.are_motions:
         residuals = log(inverse(A) @ predicted)
     else:
@@ -191,27 +197,27 @@ def _first_guess(problem: Problem, first: State, model: NoiseModel) -> Guess:
         residuals = log(inverse(moved) @ inverse(predicted[:-1]) @ predicted[1:])
     squares = np.median(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)) / _MEDIAN_SQUARE
     rotation, translation = np.maximum(_SHARE * squares, _TINY**2)
-    first_variance = {
+    variances = {
         name: _FIRST_DRIFT**2
         if name == "scale_drift"
         else float(rotation if name.endswith("rotation") else translation)
         for name in model.components
     }
-    first_variance |= {name: sigma**2 for name, sigma in problem.given.items()}
+    variances |= {name: sigma**2 for name, sigma in problem.given.items()}
     return Guess(
-        variances=np.array([first_variance[name] for name in model.components]),
+        variances=np.array([variances[name] for name in model.components]),
         given=np.array([name in problem.given for name in model.components]),
     )
 
 
-def _values(state: State, rows: Rows, model: NoiseModel) -> gtsam.Values:
-    """The unknowns of some rows as GTSAM's values."""
+def _values(state: State, model: NoiseModel) -> gtsam.Values:
+    """The unknowns as GTSAM's values."""
     values = gtsam.Values()
-    for i, matrix in enumerate(state.world_T_camera[rows]):
+    for i, matrix in enumerate(state.world_T_camera):
         values.insert(camera_key(i), gtsam.Pose3(matrix))
     values.insert(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera))
     values.insert(BASE_T_WORLD, gtsam.Pose3(state.base_T_world))
-    scales = state.log_scale[rows] if model.scale == "drifting" else np.zeros(1)
+    scales = state.log_scale if model.scale == "drifting" else np.zeros(1)
     for i, value in enumerate(scales):
         values.insert(L(i), float(value))
     return values

@@ -139,8 +139,9 @@ def test_one_component_is_the_usual_variance_with_its_degrees_of_freedom():
     assert found.variances[0] == pytest.approx(rest / (m - p), rel=3e-4)
     sure = certainty(rows, guess(1.0), found.variances, wanted)
     assert sure.freedom == pytest.approx(m - p, rel=3e-4)
-    # One factor of all weights changes no weighting: nothing to correct.
-    np.testing.assert_allclose(sure.covariance, found.covariance, rtol=1e-6)
+    # One factor of all weights changes no weighting: the t distribution's variance is all.
+    f = sure.freedom
+    np.testing.assert_allclose(sure.covariance, found.covariance * f / (f - 2.0), rtol=1e-6)
 
 
 def test_degrees_of_freedom_and_covariance_are_those_of_kenward_and_roger():
@@ -171,8 +172,11 @@ def test_degrees_of_freedom_and_covariance_are_those_of_kenward_and_roger():
         for k in range(3)
         for m in range(3)
     )
+    directions = sum(np.trace(inverse @ part) for part in first)
+    freedom = 2.0 * directions / growth
+    corrected = corrected + 2.0 / (freedom - 2.0) * sum(first)
     # Differences of relative step 1e-3: truncation 1e-6, rounding 1e-16 / 1e-6 of the largest.
-    assert sure.freedom == pytest.approx(2.0 * len(wanted) / growth, rel=1e-4)
+    assert sure.freedom == pytest.approx(freedom, rel=1e-4)
     np.testing.assert_allclose(sure.covariance, corrected, rtol=1e-3, atol=1e-5)
 
 
@@ -200,8 +204,7 @@ def test_few_rows_give_honest_t_intervals():
         )
         found = estimate(rows, guess(3.0, 3.0), np.array([3.0, 3.0]), [1])
         sure = certainty(rows, guess(3.0, 3.0), found.variances, [1])
-        f = max(sure.freedom, 3.0)
-        squares.append(found.step[1] ** 2 / sure.covariance[0, 0] * (f - 2.0) / f)
+        squares.append(found.step[1] ** 2 / sure.covariance[0, 0])
         naive.append(found.step[1] ** 2 / found.covariance[0, 0])
     assert np.mean(naive) > 1.3
     assert np.mean(squares) == pytest.approx(1.0, abs=0.4)
