@@ -1,9 +1,10 @@
 """Calibrate data sets and hold the answers against their truth or reference, and against each other.
 
-    python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--halves] [--output DIR]
+    python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--target FILE|DIR] [--halves] [--output DIR]
 
 A SET is a folder with ``images/``, ``poses.csv``, optionally ``camera.yaml`` and ``masks/``, and
-``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). With ``--halves``, the even and the
+``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). ``--target`` gives a target file, or
+a folder of them that are named like the sets. With ``--halves``, the even and the
 odd images are calibrated separately as well: NEES of their difference has 6 degrees of freedom and
 99.9 % limit 22.5. NEES against a reference (not a truth) says little: the reference has errors too.
 """
@@ -29,7 +30,7 @@ def difference(matrix, expected, covariance):
     return degrees, 1e3 * np.linalg.norm(matrix[:3, 3] - expected[:3, 3]), nees
 
 
-def calibrated(folder, *, with_camera, output, every=slice(None)):
+def calibrated(folder, *, with_camera, output, target=None, every=slice(None)):
     """One calibration, of some of the images."""
     poses = read_poses(folder / "poses.csv")
     kept = set(list_images(folder / "images")[every])
@@ -44,6 +45,7 @@ def calibrated(folder, *, with_camera, output, every=slice(None)):
         mapping,
         camera=camera if with_camera and camera.exists() else None,
         masks=masks if masks.exists() else None,
+        target=target,
         output=output,
     )
     result.save(output)
@@ -71,6 +73,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sets", nargs="+", type=Path)
     parser.add_argument("--no-camera", action="store_true")
+    parser.add_argument("--target", type=Path)
     parser.add_argument("--halves", action="store_true")
     parser.add_argument("--output", type=Path, default=Path("out/accuracy"))
     arguments = parser.parse_args()
@@ -87,10 +90,15 @@ def main():
         results = {}
         for part, every in parts.items():
             name = f"{folder.name} {part}" + (", no camera file" if arguments.no_camera else "")
+            target = arguments.target
+            if target is not None:
+                target = target / f"{folder.name}.yaml" if target.is_dir() else target
+                name += ", target"
             begin = time.perf_counter()
             results[part] = calibrated(
                 folder,
                 with_camera=not arguments.no_camera,
+                target=target,
                 output=arguments.output / name.replace(" ", "_").replace(",", ""),
                 every=every,
             )
