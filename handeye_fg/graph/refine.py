@@ -23,8 +23,6 @@ from handeye_fg.progress import Progress
 from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, SfmModel
 
 _MAX_ROUNDS = 8
-# The first fit only tells which observations are mismatches; flat directions need not settle in it.
-_FIRST_ITERATIONS = 15
 _NOISE_CONVERGED = 0.01  # relative; the sigmas' own uncertainty is larger
 
 
@@ -217,8 +215,7 @@ def refine(
     kept = without_mismatches(start, model.tracks, scales, n_known)
     problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
     levels = _first_noise(kept, base_T_gripper, with_corners=known is not None)
-    briefly = replace(options, max_iterations=min(_FIRST_ITERATIONS, options.max_iterations))
-    first = _fitted(problem, kept.state, levels, 1, noise, briefly, progress)
+    first = _fitted(problem, kept.state, levels, 1, noise, options, progress)
 
     # Mismatches that hid behind a wrong start show now.
     kept = without_mismatches(first.state, kept.tracks, kept.sigma_scale, n_known)
