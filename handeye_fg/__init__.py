@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     from handeye_fg.from_poses import solve
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
-    from handeye_fg.options import GraphOptions, NoiseOptions, Options, Prior, SfmOptions
+    from handeye_fg.options import (
+        GraphOptions,
+        NoiseOptions,
+        Options,
+        Prior,
+        RobotNoise,
+        SfmOptions,
+    )
     from handeye_fg.pipeline import calibrate
 
 __all__ = [
@@ -34,6 +41,7 @@ __all__ = [
     "Prior",
     "ReconstructionError",
     "Result",
+    "RobotNoise",
     "SfmOptions",
     "UnobservableError",
     "calibrate",
@@ -48,7 +56,9 @@ _HOME = {
     "load_result": "io.result_reader",
     "refine": "from_model",
     "solve": "from_poses",
-    **dict.fromkeys(("GraphOptions", "NoiseOptions", "Options", "Prior", "SfmOptions"), "options"),
+    **dict.fromkeys(
+        ("GraphOptions", "NoiseOptions", "Options", "Prior", "RobotNoise", "SfmOptions"), "options"
+    ),
 }
 
 

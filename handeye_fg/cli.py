@@ -21,7 +21,7 @@ from rich.console import Console
 
 from handeye_fg.console import logged, native_stdout_moved, progress_view, say, stderr_console
 from handeye_fg.errors import HandEyeError, InputDataError
-from handeye_fg.options import MethodName, Options, Priors, Setup
+from handeye_fg.options import CameraNoise, MethodName, Options, Priors, RobotNoise, Setup
 from handeye_fg.progress import silent
 
 if TYPE_CHECKING:
@@ -130,6 +130,12 @@ class Solve:
     """Camera on the gripper, or static camera that looks at an object on the gripper."""
     robust: bool = True
     """Leave out, and name, rows that disagree with the majority."""
+    metric: tyro.conf.FlagCreatePairsOff[bool] = False
+    """For pose_graph: the camera's translations are in metres; else it finds their unit."""
+    camera_noise: CameraNoise = "auto"
+    """For pose_graph: each camera pose has an error of its own (independent), or each motion to the
+    next pose has, so that errors accumulate (odometry); auto: the data tell."""
+    noise: RobotNoise = field(default_factory=RobotNoise)
     priors: Priors = ()
     """What is known of the camera's pose beforehand."""
     seed: int = 0
@@ -152,6 +158,9 @@ class Solve:
                 self.method,
                 setup=self.setup,
                 robust=self.robust,
+                metric=self.metric,
+                camera_noise=self.camera_noise,
+                noise=self.noise,
                 priors=self.priors,
                 seed=self.seed,
             )

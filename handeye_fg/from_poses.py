@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import ImageReport, Result, parent_frame
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import Observability, analyse
-from handeye_fg.options import MethodName, Prior
+from handeye_fg.options import CameraNoise, MethodName, Prior, RobotNoise
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
     METHODS,
@@ -70,6 +70,17 @@ class _Answer:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Refinement:
+    """What the pose graph is told."""
+
+    scale_known: bool
+    inverted: bool
+    camera_noise: Literal["independent", "odometry"] | None
+    noise: RobotNoise | None
+    priors: Sequence[Prior]
+
+
 def solve(
     base_T_gripper: PoseList,
     world_T_camera: PoseList,
@@ -79,6 +90,9 @@ def solve(
     weights: Array | None = None,
     setup: Setup = "eye-in-hand",
     robust: bool = True,
+    metric: bool = False,
+    camera_noise: CameraNoise = "auto",
+    noise: RobotNoise | None = None,
     priors: Sequence[Prior] = (),
     names: Sequence[str] | None = None,
     seed: int = 0,
@@ -103,6 +117,11 @@ def solve(
         weights: relative weights (n,) of the squared residuals of the rows.
         setup: camera on the gripper, or static camera.
         robust: whether rows that disagree with the majority are left out, and named.
+        metric: for ``pose_graph``: whether the camera's translations are in metres, as those of a
+            known target are; else it finds their unit.
+        camera_noise: for ``pose_graph``: whether each camera pose has an error of its own
+            ("independent") or each motion to the next pose has ("odometry"); "auto": the data tell.
+        noise: for ``pose_graph``: the robot's noise levels, where they are known.
         priors: what else is known of X; with priors X is found by least squares.
         names: of the rows (n,) of arrays; None: "row 0", "row 1", ...
         seed: of the samples that tell wrong rows from right ones.
@@ -120,7 +139,9 @@ def solve(
         raise InputDataError(
             f"unknown method {method!r}: choose one of {', '.join(get_args(MethodName))}"
         )
-    closed_form = method if method in METHODS else "andreff_scale"
+    closed_form = method
+    if method == "pose_graph":
+        closed_form = "shah" if metric else "andreff_scale"
     scale_known = METHODS[closed_form].scale_known
     clock = Stopwatch()
     # 1. Read everything, and pair the rows.
@@ -139,7 +160,14 @@ def solve(
     # 3. Solve the rest, or what it determines.
     answer = _closed_form(pairs.data, trusted, closed_form, priors, parent_frame(setup))
     if method == "pose_graph":
-        answer = _refined(pairs.data, answer, priors, setup)
+        how = _Refinement(
+            scale_known=scale_known,
+            inverted=setup == "eye-to-hand",
+            camera_noise=None if camera_noise == "auto" else camera_noise,
+            noise=noise,
+            priors=priors,
+        )
+        answer = _refined(pairs.data, answer, how, parent_frame(setup))
     clock.lap("solution")
     # 4. X, its covariance, and what is to be known of every row.
     observability = answer.observability
@@ -218,7 +246,7 @@ def _closed_form(
 
 
 def _refined(
-    data: PosePairs | MotionPairs, closed: _Answer, priors: Sequence[Prior], setup: Setup
+    data: PosePairs | MotionPairs, closed: _Answer, how: _Refinement, frame: str
 ) -> _Answer:
     """The pose graph's answer, from a closed form; it judges the rows again."""
     from handeye_fg.graph.poses import pose_graph  # noqa: PLC0415  # GTSAM is for this method alone
@@ -226,13 +254,17 @@ def _refined(
     graph = pose_graph(
         data,
         closed.start,
-        inverted=setup == "eye-to-hand",
+        scale_known=how.scale_known,
+        inverted=how.inverted,
+        camera_noise=how.camera_noise,
         trusted=closed.trusted,
-        priors=priors,
+        noise=how.noise,
+        priors=how.priors,
         free=closed.observability.free_basis,
     )
     X, scale = graph.gripper_T_camera, graph.metres_per_world_unit
     levels = {str(name): sigma for name, sigma in graph.noise.items()}
+    drifts = graph.model.scale == "drifting"
     errors = "accumulate along the rows" if graph.model.camera == "odometry" else "are independent"
     return replace(
         closed,
@@ -240,15 +272,16 @@ def _refined(
         gripper_T_camera=X,
         base_T_world=graph.base_T_world if isinstance(data, PosePairs) else None,
         metres_per_world_unit=scale,
-        observability=analyse(graph.covariance, X, parent_frame(setup)),
+        observability=analyse(graph.covariance, X, frame),
         trusted=(np.asarray(data.weights) > 0.0) & ~graph.outliers,
         note=f"The errors of the camera poses {errors}."
+        + (" Their unit drifts; the scale is that of the first." if drifts else "")
         + ("" if graph.converged else " The refinement stopped before it converged."),
         noise=NoiseLevels(
             pixel=math.nan,
             robot_rotation=levels["robot_rotation"],
             robot_translation=levels["robot_translation"],
-            estimated=True,
+            estimated=how.noise is None or how.noise.estimated,
         ),
         figures={
             "degrees_of_freedom": graph.degrees_of_freedom,

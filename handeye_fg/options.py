@@ -4,13 +4,14 @@ The first paragraph under each field is its help text on the command line.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal
 
 import tyro
 
 Intrinsics = Literal["auto", "fixed", "prior", "free"]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
+CameraNoise = Literal["auto", "independent", "odometry"]
 MethodName = Literal[
     "andreff_scale",
     "andreff",
@@ -41,21 +42,32 @@ class SfmOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseOptions:
-    """Known noise levels; what is left out is estimated from the data."""
+class RobotNoise:
+    """Known noise levels of the robot; what is left out is estimated from the data."""
 
-    pixel_px: float | None = None
-    """Standard deviation of an image observation in pixels."""
     robot_rotation_deg: float | None = None
     """Standard deviation of a reported robot orientation, per axis, in degrees."""
     robot_translation_mm: float | None = None
     """Standard deviation of a reported robot position, per axis, in millimetres."""
 
     def __post_init__(self) -> None:
-        for name in ("pixel_px", "robot_rotation_deg", "robot_translation_mm"):
-            value = getattr(self, name)
+        for name in fields(self):
+            value = getattr(self, name.name)
             if value is not None and not 0.0 < value < float("inf"):
-                raise ValueError(f"noise.{name} is {value}, but must be a positive number")
+                raise ValueError(f"noise.{name.name} is {value}, but must be a positive number")
+
+    @property
+    def estimated(self) -> bool:
+        """Whether a level is left to the data."""
+        return any(getattr(self, name.name) is None for name in fields(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseOptions(RobotNoise):
+    """Known noise levels; what is left out is estimated from the data."""
+
+    pixel_px: float | None = None
+    """Standard deviation of an image observation in pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,6 +118,8 @@ class Prior:
             raise ValueError(
                 f"the prior's standard deviation is {self.std}, but must be a positive number of metres"
             )
+        # A unit vector stays as it is, so that written options read back are the same.
+        length = 1.0 if abs(length - 1.0) < 1e-12 else length
         object.__setattr__(self, "axis", tuple(float(x) / length for x in self.axis))
 
 

@@ -19,7 +19,7 @@ from handeye_fg.io.results import Result, result_schema, to_document
 from handeye_fg.motions import PosePairs, as_motions
 from handeye_fg.options import MethodName, Prior
 from handeye_fg.report import summary_text, write_report
-from handeye_fg.simulate import Motion, Truth, simulate_poses
+from handeye_fg.simulate import Motion, Truth, disturbed, simulate_poses
 from handeye_fg.solvers import METHODS
 
 NOISE = {
@@ -165,6 +165,41 @@ def test_weights_move_the_answer() -> None:
     assert (
         np.abs(weighted.matrix - half.matrix).max() < np.abs(weighted.matrix - plain.matrix).max()
     )
+
+
+def test_the_pose_graph_is_told_what_is_known() -> None:
+    robot, camera, truth = poses()
+    metric = scaled(camera, truth.metres_per_world_unit)
+    noise = hf.RobotNoise(robot_rotation_deg=0.05, robot_translation_mm=1.0)
+    result = hf.solve(
+        robot, metric, "pose_graph", metric=True, camera_noise="odometry", noise=noise
+    )
+    assert result.metres_per_world_unit == 1.0
+    assert np.isnan(result.metres_per_world_unit_std)
+    assert "accumulate along the rows" in result.message
+    assert result.noise is not None
+    assert not result.noise.estimated
+    assert result.noise.robot_rotation == pytest.approx(np.deg2rad(0.05))
+    assert result.noise.robot_translation == pytest.approx(1e-3)
+    free = hf.solve(robot, metric, "pose_graph")
+    assert free.metres_per_world_unit_std > 0.0
+    assert "are independent" in free.message
+    assert free.noise is not None
+    assert free.noise.estimated
+
+
+def test_a_drifting_unit_is_told() -> None:
+    rng = np.random.default_rng(12)
+    robot, camera, truth = simulate_poses(rng, n_poses=60)
+    robot = disturbed(rng, robot, 1e-4, 1e-4)
+    camera = inverse(camera[0]) @ camera
+    drift = np.cumsum(rng.normal(0.0, 5e-3, len(camera)))
+    camera[:, :3, 3] *= np.exp(drift - drift[0])[:, None]
+    result = hf.solve(robot, camera, "pose_graph")
+    assert "Their unit drifts" in result.message
+    # The first pose's scale; the drift leaves it a few standard deviations of one step uncertain.
+    assert result.metres_per_world_unit == pytest.approx(truth.metres_per_world_unit, rel=0.02)
+    assert np.linalg.norm(result.matrix[:3, 3] - truth.gripper_T_camera[:3, 3]) < 2e-3
 
 
 def test_names_pair_the_rows() -> None:

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import config
 from handeye_fg.io.config import options_digest, read_config, write_config
-from handeye_fg.options import Options
+from handeye_fg.options import Options, Prior
 
+POSITIVE = st.floats(1e-6, 1e6)
+AXIS = st.tuples(POSITIVE, POSITIVE, POSITIVE)
 quick = settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -45,6 +47,8 @@ class Outer:
 
 def valid(hint: Any) -> st.SearchStrategy[Any]:
     """Values that suit an annotation: finite, positive."""
+    if hint is Prior:
+        return st.builds(Prior, st.just("translation-along"), AXIS, st.floats(-1, 1), POSITIVE)
     if is_dataclass(hint) and isinstance(hint, type):
         return st.builds(hint, **{k: valid(v) for k, v in get_type_hints(hint).items()})
     if get_origin(hint) in (Union, UnionType):
@@ -52,7 +56,7 @@ def valid(hint: Any) -> st.SearchStrategy[Any]:
     if get_origin(hint) is tuple:
         return st.lists(valid(get_args(hint)[0]), max_size=3).map(tuple)
     if hint is float:
-        return st.floats(1e-6, 1e6)
+        return POSITIVE
     return st.integers(1, 10**6) if hint is int else st.from_type(hint)
 
 

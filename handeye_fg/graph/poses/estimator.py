@@ -27,7 +27,7 @@ from handeye_fg.graph.poses.measurements import (
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.observability import LIMITS, WIDE, feigned_information, without_feigned
-from handeye_fg.options import NoiseOptions, Prior
+from handeye_fg.options import Prior, RobotNoise
 from handeye_fg.types import LinearStart
 
 # A robot pose as improbable as this among n good ones (over n) disagrees.
@@ -77,7 +77,7 @@ def pose_graph(
     inverted: bool = False,
     camera_noise: CameraNoise | None = None,
     trusted: Rows | None = None,
-    noise: NoiseOptions | None = None,
+    noise: RobotNoise | None = None,
     priors: Sequence[Prior] = (),
     free: Array | None = None,
 ) -> PoseGraph:
@@ -121,7 +121,7 @@ def pose_graph(
         scale_known=scale_known,
         priors=joined([_wide_prior(start.gripper_T_camera), known_x_graph(priors)]),
         held=_held(start.gripper_T_camera, np.zeros((7, 0)) if free is None else free),
-        given=_given(noise or NoiseOptions()),
+        given=_given(noise or RobotNoise()),
     )
     first = State(
         world_T_camera=problem.world_T_camera,
@@ -153,7 +153,7 @@ def _candidates(problem: Problem, camera_noise: CameraNoise | None) -> list[Nois
     ]
 
 
-def _given(noise: NoiseOptions) -> dict[Component, float]:
+def _given(noise: RobotNoise) -> dict[Component, float]:
     """The user's levels."""
     given: dict[Component, float] = {}
     if noise.robot_rotation_deg is not None:
@@ -213,7 +213,8 @@ def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -
     return PoseGraph(
         gripper_T_camera=fit.state.gripper_T_camera,
         base_T_world=fit.state.base_T_world,
-        metres_per_world_unit=unit * float(np.exp(fit.state.log_scale[0])),
+        metres_per_world_unit=unit
+        * (1.0 if problem.scale_known else float(np.exp(fit.state.log_scale[0]))),
         covariance=_covariance(fit, int(np.count_nonzero(rows))),
         degrees_of_freedom=fit.certainty.freedom,
         noise={
