@@ -42,7 +42,7 @@ _TINY = 1e-12  # of a pose's residual, radians or metres: exact data keep finite
 # Deviance by which accumulating errors must beat independent ones, and a drifting scale a constant
 # one: the order of a few poses tells them apart badly, and drift is one more unknown variance.
 _ODOMETRY_HANDICAP = 10.0
-_DRIFT_HANDICAP = 2.0
+_DRIFT_HANDICAP = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

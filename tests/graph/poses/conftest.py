@@ -122,3 +122,15 @@ def simulated(
 def simulated_fixture():
     """The function ``simulated``."""
     return simulated
+
+
+@pytest.fixture(scope="session")
+def levels():
+    """Standard deviations in ``simulated``, unless it is told others."""
+    return {name: sigma for name, sigma in LEVELS.items() if sigma > 0.0}
+
+
+@pytest.fixture(scope="session")
+def no_noise():
+    """Levels of exact poses; the sigma across divides, so that it is not quite zero."""
+    return dict.fromkeys(LEVELS, 0.0) | {"camera_across": 1e-300}

@@ -18,16 +18,6 @@ from handeye_fg.options import NoiseOptions, Prior
 from handeye_fg.solvers import METHODS, only, partial, start_of, trusted_rows
 from handeye_fg.types import LinearStart
 
-NONE = {
-    "robot_rotation": 0.0,
-    "robot_translation": 0.0,
-    "camera_rotation": 0.0,
-    "camera_across": 1e-300,  # the ratio to it is taken
-    "camera_along": 0.0,
-    "odometry_rotation": 0.0,
-    "odometry_translation": 0.0,
-}
-
 
 def solved(truth, start=None, **options):
     return pose_graph(
@@ -80,8 +70,8 @@ def all_given(monkeypatch):
 @pytest.mark.parametrize("scale_known", [True, False])
 @pytest.mark.parametrize("inverted", [False, True])
 @pytest.mark.parametrize("camera", ["independent", "odometry"])
-def test_without_noise_it_is_exact(simulated, camera, inverted, scale_known):
-    truth = simulated(1, 6, camera=camera, scale_known=scale_known, inverted=inverted, **NONE)
+def test_without_noise_it_is_exact(simulated, no_noise, camera, inverted, scale_known):
+    truth = simulated(1, 6, camera=camera, scale_known=scale_known, inverted=inverted, **no_noise)
     found = solved(truth, camera_noise=camera)
     # Rounding of poses about a metre from the origin, enlarged by inaccurate normal equations.
     assert np.abs(error(found, truth)).max() < 1e-9
@@ -92,8 +82,8 @@ def test_without_noise_it_is_exact(simulated, camera, inverted, scale_known):
     assert found.model.camera == camera
 
 
-def test_motions_without_noise_are_exact(simulated):
-    truth = simulated(2, 8, scale_known=False, **NONE)
+def test_motions_without_noise_are_exact(simulated, no_noise):
+    truth = simulated(2, 8, scale_known=False, **no_noise)
     robot, camera = truth.data.base_T_gripper, truth.data.world_T_camera
     i, j = np.arange(0, 8, 2), np.arange(1, 8, 2)
     data = MotionPairs(
