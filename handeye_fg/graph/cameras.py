@@ -185,11 +185,13 @@ def refine_views(
         ReconstructionError, ConvergenceError: as ``refine``.
     """
     call = _Call(options=options, progress=progress, frame=frame, known=known)
-    view = _with_intrinsics(model, base_T_gripper, camera, linear, call)
-    if known is None or scale_agrees(view.refinement, known):
-        return view
-    call = replace(call, known=replace(known, log_scale_sigma=_FREE_LOG_SCALE))
-    view = _with_intrinsics(model, base_T_gripper, camera, linear, call)
+    if known is None:
+        return _with_intrinsics(model, base_T_gripper, camera, linear, call)
+    # The robot is asked first: imposed, a wrong size makes the robot look noisy, which hides it.
+    asked = replace(call, known=replace(known, log_scale_sigma=_FREE_LOG_SCALE))
+    view = _with_intrinsics(model, base_T_gripper, camera, linear, asked)
+    if scale_agrees(view.refinement, known):
+        return _with_intrinsics(model, base_T_gripper, camera, linear, call)
     ratio = float(np.exp(view.refinement.state.log_scale))
     return replace(
         view,

@@ -93,18 +93,15 @@ def corner_fit(final: Refinement, n_known: int) -> tuple[int, float]:
     return int(np.count_nonzero(corners)), float(np.sqrt(np.mean(lengths**2)))
 
 
-def scale_agrees(final: Refinement, known: KnownPoints) -> bool:
-    """Whether the robot agrees with the scale that known points give.
+def scale_agrees(asked: Refinement, known: KnownPoints) -> bool:
+    """Whether the robot agrees with the scale that known points give, by Student's t.
 
-    The optimum combines both; what the robot says alone follows from what it adds to the points'
-    information. The difference is tested with Student's t.
+    Args:
+        asked: the optimum without the points' say on the scale.
+        known: the points.
     """
-    added = final.log_scale_std**-2.0 - known.log_scale_sigma**-2.0
-    if added <= 0.0:  # by rounding: the robot says nothing
-        return True
-    robot_log_scale = final.state.log_scale / (final.log_scale_std**2 * added)
-    pull = abs(robot_log_scale) / np.sqrt(1.0 / added + known.log_scale_sigma**2)
-    return bool(2.0 * stats.t.sf(pull, final.degrees_of_freedom) > _FALSE_ALARM)
+    pull = abs(asked.state.log_scale) / np.hypot(asked.log_scale_std, known.log_scale_sigma)
+    return bool(2.0 * stats.t.sf(pull, asked.degrees_of_freedom) > _FALSE_ALARM)
 
 
 def _aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:
