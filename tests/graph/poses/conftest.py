@@ -63,6 +63,7 @@ def simulated(
     inverted: bool = False,
     motion: Motion = "general",
     tails: float | None = None,
+    in_camera: bool = False,
     **levels: float,
 ) -> Simulated:
     """Poses of a camera that looks at a target: the world's origin.
@@ -75,6 +76,7 @@ def simulated(
         inverted: the robot's poses are gripper_T_base.
         motion: of the gripper.
         tails: degrees of freedom of Student's t, by which the noise is distributed; None: normal.
+        in_camera: the camera's noise turns the camera about itself, not what it sees.
         levels: standard deviations other than ``LEVELS`` (of Student's t: scale parameters).
     """
     rng = np.random.default_rng(seed)
@@ -99,6 +101,7 @@ def simulated(
         camera_T_world = inverse(world_T_camera)
         turned = camera_T_world[:, :3, :3] @ exp(error * [1, 1, 1, 0, 0, 0])[:, :3, :3]
         seen = inverse(pose(turned, camera_T_world[:, :3, 3] + error[:, 3:]))
+        seen = world_T_camera @ exp(error) if in_camera else seen
     else:
         motions = inverse(world_T_camera[:-1]) @ world_T_camera[1:]
         motions = motions @ exp(noise("odometry_rotation", "odometry_translation")[1:])

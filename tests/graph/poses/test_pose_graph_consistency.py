@@ -28,6 +28,7 @@ SCENARIOS = {
     "15 poses, odometry": (15, RUNS, {"camera": "odometry"}, ODOMETRY),
     "40 poses, odometry, scale": (40, 40, {"camera": "odometry", "scale_known": False}, {}),
     "40 poses, drift": (40, 40, {"scale_known": False, "scale_drift": 0.004}, INDEPENDENT),
+    "15 poses, camera that turns": (15, RUNS, {"in_camera": True}, INDEPENDENT),
     "15 poses, eye-to-hand": (15, RUNS, {"inverted": True}, INDEPENDENT),
 }
 FEWEST = 3.0
@@ -94,7 +95,7 @@ def test_intervals_of_95_percent_cover_93_to_97(simulated):
             hits = covered(result, errors, 7)
             inside.append(hits[:6].mean())
             scale += [] if truth.scale_known else [hits[6]]
-    # 520 runs: a standard error of at most sqrt(0.05 * 0.95 / 520) = 1 %, were the six components
+    # 580 runs: a standard error of at most sqrt(0.05 * 0.95 / 580) = 1 %, were the six components
     # of a run to go together; they go about half together. The scale's 240 runs: 1.4 %, three of it.
     assert 0.93 < np.mean(inside) < 0.97
     assert 0.91 < np.mean(scale) < 0.99
