@@ -176,7 +176,7 @@ def factorised(normal: Normal, logs: Array) -> Factor:
         chain = linalg.cholesky_banded(band, lower=True)
         solved = linalg.cho_solve_banded((chain, True), np.column_stack([border, gradient[:n]]))
         shared = corner - border.T @ solved[:, :-1]
-        scale = 1.0 / np.sqrt(np.diag(shared))
+        scale = 1.0 / np.sqrt(_positive(np.diag(shared)))
         root = linalg.cholesky(shared * np.outer(scale, scale), lower=True)
     except (linalg.LinAlgError, ValueError) as error:
         raise ConvergenceError(
@@ -203,3 +203,10 @@ def factorised(normal: Normal, logs: Array) -> Factor:
 
 def _summed(component: NDArray[np.int64], values: Array, n: int) -> Array:
     return np.bincount(component, values, n).astype(np.float64)
+
+
+def _positive(diagonal: Array) -> Array:
+    """The diagonal of a matrix that may be definite."""
+    if not np.all(diagonal > 0.0):
+        raise linalg.LinAlgError("a diagonal entry is not positive")
+    return diagonal

@@ -7,13 +7,15 @@ the restricted likelihood tells. Noise levels and the graph's optimum are found 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L
 from scipy import linalg, stats
 
+from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array, inverse, log, scaled
 from handeye_fg.graph.measurements import held_graph, joined, known_x_graph
 from handeye_fg.graph.poses.fit import Fit, Problem, Rows, State, fitted
@@ -21,6 +23,7 @@ from handeye_fg.graph.poses.measurements import (
     CameraNoise,
     Component,
     NoiseModel,
+    Scale,
     camera_measurements,
     robot_measurements,
 )
@@ -130,27 +133,41 @@ def pose_graph(
         log_scale=np.zeros(len(A)),
     )
     rows = usable if trusted is None else usable & trusted
-    best = min(
-        (fitted(problem, first, rows, model) for model in _candidates(problem, camera_noise)),
-        key=lambda fit: fit.deviance,
-    )
-    if best.model.scale == "drifting":
-        constant = fitted(problem, first, rows, replace(best.model, scale="free"))
-        best = min(best, constant, key=lambda fit: fit.deviance)
+    best = _best(problem, first, rows, camera_noise)
     if best.model.camera == "independent":
         best, rows = _with_fitting_rows(problem, first, best, rows, usable)
     return _result(problem, best, rows, usable, unit)
 
 
-def _candidates(problem: Problem, camera_noise: CameraNoise | None) -> list[NoiseModel]:
-    """Noise models to choose from, each with the freest scale."""
-    if problem.are_motions:
-        return [NoiseModel(camera="independent", scale="known" if problem.scale_known else "free")]
+def _best(problem: Problem, first: State, rows: Rows, camera_noise: CameraNoise | None) -> Fit:
+    """The fit of the noise model that explains the poses best."""
     kinds: tuple[CameraNoise, ...] = ("independent", "odometry")
-    return [
-        NoiseModel(camera=kind, scale="known" if problem.scale_known else "drifting")
-        for kind in (kinds if camera_noise is None else (camera_noise,))
-    ]
+    if problem.are_motions:
+        kinds = ("independent",)
+    elif camera_noise is not None:
+        kinds = (camera_noise,)
+    constant: Scale = "known" if problem.scale_known else "free"
+    freest: Scale = "drifting" if constant == "free" and not problem.are_motions else constant
+    fits = _fits(problem, first, rows, [NoiseModel(camera=k, scale=freest) for k in kinds])
+    if freest == "drifting":
+        if fits:
+            kinds = (min(fits, key=lambda fit: fit.deviance).model.camera,)
+        fits += _fits(problem, first, rows, [NoiseModel(camera=k, scale=constant) for k in kinds])
+    if not fits:
+        raise ConvergenceError(
+            "the poses do not determine the unknowns of the pose graph: robot and camera poses "
+            "hold too little motion or do not belong together; check them, or add poses"
+        )
+    return min(fits, key=lambda fit: fit.deviance)
+
+
+def _fits(problem: Problem, first: State, rows: Rows, models: Sequence[NoiseModel]) -> list[Fit]:
+    """The fits of those noise models that have an optimum."""
+    fits = []
+    for model in models:
+        with suppress(ConvergenceError):
+            fits.append(fitted(problem, first, rows, model))
+    return fits
 
 
 def _given(noise: RobotNoise) -> dict[Component, float]:

@@ -38,7 +38,9 @@ _MAX_ITERATIONS = 50
 _SHARE = 0.3
 _MEDIAN_SQUARE = 0.455  # median of a chi-square of one
 _FIRST_DRIFT = 1e-3  # of the logarithm of the scale from one pose to the next
-_TINY = 1e-12  # of a pose's residual, radians or metres: exact data keep finite weights
+# Residuals of poses below this (radians or metres) are rounding, or simulated: the noise is taken as
+# so large and not estimated. Smaller ones leave nothing of the weak priors in double precision.
+_EXACT = 1e-6
 # Deviance by which accumulating errors must beat independent ones, and a drifting scale a constant
 # one: the order of a few poses tells them apart badly, and drift is one more unknown variance.
 _ODOMETRY_HANDICAP = 10.0
@@ -196,17 +198,20 @@ def _guess(problem: Problem, state: State, model: NoiseModel) -> Guess:
         moved = inverse(A[:-1]) @ A[1:]
         residuals = log(inverse(moved) @ inverse(predicted[:-1]) @ predicted[1:])
     squares = np.median(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)) / _MEDIAN_SQUARE
-    rotation, translation = np.maximum(_SHARE * squares, _TINY**2)
+    rotation, translation = np.maximum(_SHARE * squares, _EXACT**2)
     variances = {
         name: _FIRST_DRIFT**2
         if name == "scale_drift"
         else float(rotation if name.endswith("rotation") else translation)
         for name in model.components
     }
-    variances |= {name: sigma**2 for name, sigma in problem.given.items()}
+    given = {name: sigma**2 for name, sigma in problem.given.items()}
+    if max(rotation, translation) <= _EXACT**2:
+        given = variances | given
+    variances |= given
     return Guess(
         variances=np.array([variances[name] for name in model.components]),
-        given=np.array([name in problem.given for name in model.components]),
+        given=np.array([name in given for name in model.components]),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
 
-from handeye_fg.errors import InputDataError
+from handeye_fg.errors import ConvergenceError, InputDataError
 from handeye_fg.frames import exp, inverse, log, pose, scaled
 from handeye_fg.graph.poses import estimator, fit, pose_graph
 from handeye_fg.graph.poses.measurements import Columns, NoiseModel, graph_of
@@ -358,6 +358,28 @@ def test_the_covariance_is_that_of_the_final_graph(simulated, camera, scale):
     # Factorisations of matrices of condition 1e10 (ties): six digits are left.
     np.testing.assert_allclose(found.estimate.covariance, np.block(blocks), rtol=1e-4, atol=1e-12)
     assert Columns(n_poses=8, scale=scale).total == values.dim()
+
+
+@pytest.mark.parametrize("motion", ["general", "one_axis", "pure_translation", "pure_rotation"])
+@pytest.mark.parametrize("scale_known", [True, False])
+def test_exact_poses_of_every_motion_have_a_finite_answer(simulated, no_noise, motion, scale_known):
+    truth = simulated(17, 8, motion=motion, scale_known=scale_known, **no_noise)
+    found = solved(truth, moved_start(truth, np.zeros(6)))
+    # The truth fits, whatever is free.
+    assert np.abs(error(found, truth)).max() < 1e-6
+    assert np.isfinite(found.covariance).all()
+    free = analyse(found.covariance, found.gripper_T_camera, "gripper").free_directions
+    expected = {"general": 0, "one_axis": 1, "pure_translation": 3, "pure_rotation": None}[motion]
+    assert expected is None or len(free) == expected
+
+
+def test_no_noise_model_with_an_optimum_is_an_error(simulated, monkeypatch):
+    def fails(*_arguments):
+        raise ConvergenceError("no optimum")
+
+    monkeypatch.setattr(estimator, "fitted", fails)
+    with pytest.raises(ConvergenceError, match="do not determine"):
+        solved(simulated(18, 8, scale_known=False), moved_start(simulated(18, 8), np.zeros(6)))
 
 
 def test_rounds_without_end_are_told(simulated, monkeypatch):
