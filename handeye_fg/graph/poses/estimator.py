@@ -37,6 +37,7 @@ from handeye_fg.types import LinearStart
 _FALSE_ALARM = 1e-2
 _MOST = 0.5  # of the poses that may be left out
 _NORMAL = 1e6  # degrees of freedom of what is as good as a normal distribution
+_ROUNDING = 1e-15  # relative: of the variances of the principal directions
 _MAX_ROUNDS = 12
 _CONCERNED = 0.1  # part of a free direction from which X is concerned
 _HELD_SCALE = 1e-3  # of the logarithm of a scale that is kept where it is
@@ -248,6 +249,7 @@ def _result(problem: Problem, fit: Fit, rows: Rows, usable: Rows, unit: float) -
 def _covariance(fit: Fit, n: int) -> Array:
     """That of a t distribution, less the information that only noise feigns."""
     variances, vectors = np.linalg.eigh(fit.certainty.covariance / np.outer(LIMITS, LIMITS))
+    variances = np.maximum(variances, _ROUNDING * variances[-1])
     # Robot and camera noise together are both the error of the motions and that of the residuals.
     rotations = [s for name, s in fit.sigmas.items() if name.endswith("rotation")]
     distances = [s for name, s in fit.sigmas.items() if not name.endswith(("rotation", "drift"))]

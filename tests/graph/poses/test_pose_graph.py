@@ -13,7 +13,7 @@ from handeye_fg.graph.poses import estimator, fit, pose_graph
 from handeye_fg.graph.poses.measurements import Columns, NoiseModel, graph_of
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.motions import MotionPairs, PosePairs
-from handeye_fg.observability import USELESS_TRANSLATION, analyse
+from handeye_fg.observability import LIMITS, USELESS_TRANSLATION, analyse
 from handeye_fg.options import NoiseOptions, Prior
 from handeye_fg.solvers import METHODS, only, partial, start_of, trusted_rows
 from handeye_fg.types import LinearStart
@@ -371,6 +371,17 @@ def test_exact_poses_of_every_motion_have_a_finite_answer(simulated, no_noise, m
     free = analyse(found.covariance, found.gripper_T_camera, "gripper").free_directions
     expected = {"general": 0, "one_axis": 1, "pure_translation": 3, "pure_rotation": None}[motion]
     assert expected is None or len(free) == expected
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hopeless_poses_have_a_covariance(simulated, levels, seed):
+    # Degrees and centimetres of noise on a gripper at rest: the scale goes to zero.
+    wild = {name: 50.0 * sigma for name, sigma in levels.items()}
+    truth = simulated(seed, 6, motion="pure_rotation", scale_known=False, **wild)
+    found = solved(truth, moved_start(truth, np.zeros(6)))
+    variances = np.linalg.eigvalsh(found.covariance / np.outer(LIMITS, LIMITS))
+    assert np.isfinite(variances).all()
+    assert variances[0] > -1e-12 * variances[-1]
 
 
 def test_no_noise_model_with_an_optimum_is_an_error(simulated, monkeypatch):
