@@ -7,7 +7,7 @@ and evaluates every sequence of the tracks. Protocol: keyframes of the measured 
 degrees or 2 cm apart, at most 200. The package feeds its A X = X B baselines consecutive motions of
 the keyframes and its A X = Z B baselines the keyframes; the solvers here get the keyframes and choose
 their own pairs. Errors are medians over the sequences of a track: geodesic angle and distance of X,
-relative error of the scale. A sequence that a solver refuses counts as failed, not as an error.
+relative error of the scale. A sequence that a solver refuses counts as an infinite error.
 """
 
 import argparse
@@ -101,16 +101,15 @@ def table(rows, track):
         "| solver | answered | rotation deg | translation mm | scale % |",
         "|---|---|---|---|---|",
     ]
-    of_track = rows[rows["track"] == track]
-    answered = of_track[of_track["ok"]]
-    medians = answered.groupby("solver")[
-        ["X_rot_err_deg", "X_trans_err_mm", "scale_err_rel"]
-    ].median()
-    for solver, median in medians.sort_values("X_trans_err_mm").iterrows():
-        n = np.count_nonzero(of_track["solver"] == solver)
+    errors = ["X_rot_err_deg", "X_trans_err_mm", "scale_err_rel"]
+    of_track = rows[rows["track"] == track].copy()
+    of_track.loc[~of_track["ok"], errors[:2]] = np.inf
+    by_solver = of_track.groupby("solver")
+    counts = by_solver["ok"].agg(["sum", "size"])
+    for solver, median in by_solver[errors].median().sort_values("X_trans_err_mm").iterrows():
         scale = 100.0 * median["scale_err_rel"]
         lines.append(
-            f"| {solver} | {np.count_nonzero(answered['solver'] == solver)}/{n} "
+            f"| {solver} | {counts.loc[solver, 'sum']}/{counts.loc[solver, 'size']} "
             f"| {median['X_rot_err_deg']:.3f} | {median['X_trans_err_mm']:.2f} "
             f"| {'' if np.isnan(scale) else f'{scale:.2f}'} |"
         )
