@@ -1,10 +1,9 @@
 """Calibration from pose pairs alone: robot and camera poses, or motions, without images; ``solve``."""
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Literal, get_args
 
@@ -12,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError, InputDataError, UnobservableError
-from handeye_fg.frames import Array, scaled
-from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
-from handeye_fg.io.results import ImageReport, Result, parent_frame
+from handeye_fg.frames import Array
+from handeye_fg.io.pose_pairs import PoseList, read_pairs
+from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
-from handeye_fg.observability import Observability, analyse
+from handeye_fg.observability import analyse
 from handeye_fg.options import CameraNoise, MethodName, Prior, RobotNoise
+from handeye_fg.pose_outcome import Answer, digest, message, row_reports
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
     METHODS,
@@ -25,7 +25,6 @@ from handeye_fg.solvers import (
     first_order_covariance,
     only,
     partial,
-    row_residuals,
     start_of,
     trusted_rows,
 )
@@ -41,33 +40,6 @@ _CONTRADICTION_ROTATION = math.radians(15.0)
 _CONTRADICTION_TRANSLATION = 0.5
 # Logarithm of a scale that no inaccurate board or map explains.
 _OTHER_UNIT = 0.2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Answer:
-    """X of the trusted rows, and what they determine.
-
-    Attributes:
-        method: how X was found, in words.
-        start: the closed form; X itself, where nothing refines it.
-        gripper_T_camera, base_T_world, metres_per_world_unit: X, Z and the scale.
-        observability: what is determined.
-        trusted: the rows (n,) that were used.
-        note: about the uncertainty, in words.
-        noise: noise levels, where they are modelled.
-        figures: named figures.
-    """
-
-    method: str
-    start: LinearStart
-    gripper_T_camera: Array
-    base_T_world: Array | None
-    metres_per_world_unit: float
-    observability: Observability
-    trusted: Rows
-    note: str
-    noise: NoiseLevels | None = None
-    figures: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,7 +147,7 @@ def solve(
     return Result(
         status="partial" if free else "ok",
         setup=setup,
-        message=_message(pairs, answer),
+        message=message(pairs, answer),
         matrix=answer.gripper_T_camera,
         covariance=observability.covariance,
         free_directions=free,
@@ -184,7 +156,7 @@ def solve(
         base_T_world=answer.base_T_world,
         noise=answer.noise,
         initial=answer.start,
-        images=_rows(pairs, answer, setup),
+        images=row_reports(pairs, answer, setup),
         observability={
             "weakest_std_over_limit": observability.weakest_std,
             "rows_used": float(np.count_nonzero(answer.trusted)),
@@ -195,7 +167,7 @@ def solve(
             **{name: version(name) for name in _PACKAGES},
             "method": method,
             "robust": "yes" if robust else "no",
-            "input_digest": _digest(pairs),
+            "input_digest": digest(pairs),
             "seed": seed,
         },
     )
@@ -215,17 +187,17 @@ def _closed_form(
     method: str,
     priors: Sequence[Prior],
     frame: str,
-) -> _Answer:
+) -> Answer:
     """The method's answer; with priors, or where the motions leave something free, that of ``partial``."""
     rows, scale_known = only(data, trusted), METHODS[method].scale_known
 
-    def answer_of(solution: Solution, name: str, priors: Sequence[Prior]) -> _Answer:
+    def answer_of(solution: Solution, name: str, priors: Sequence[Prior]) -> Answer:
         start = start_of(rows, solution, name)
         if scale_known:
             _require_metres(rows, start)
         _require_agreement(rows, start)
         covariance = first_order_covariance(rows, solution, scale_known=scale_known, priors=priors)
-        return _Answer(
+        return Answer(
             method="least squares" if name == "partial" else name,
             start=start,
             gripper_T_camera=start.gripper_T_camera,
@@ -236,7 +208,7 @@ def _closed_form(
             note="The covariance is approximate: first order, with the noise of the residuals.",
         )
 
-    answer: _Answer | None = None
+    answer: Answer | None = None
     with suppress(UnobservableError):
         answer = answer_of(METHODS[method].solve(rows), method, ())
     if answer is None or answer.observability.free_directions or priors:
@@ -245,9 +217,7 @@ def _closed_form(
     return answer
 
 
-def _refined(
-    data: PosePairs | MotionPairs, closed: _Answer, how: _Refinement, frame: str
-) -> _Answer:
+def _refined(data: PosePairs | MotionPairs, closed: Answer, how: _Refinement, frame: str) -> Answer:
     """The pose graph's answer, from a closed form; it judges the rows again."""
     from handeye_fg.graph.poses import pose_graph  # noqa: PLC0415  # GTSAM is for this method alone
 
@@ -342,73 +312,3 @@ def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> Non
             f"{1e3 * start.residual_translation:.3g} mm, and the camera moved by {1e3 * motion:.3g} "
             "mm; check the conventions, and that rows belong together"
         )
-
-
-def _message(pairs: NamedPairs, answer: _Answer) -> str:
-    """What came out, in a few sentences."""
-    what = "motions" if isinstance(pairs.data, MotionPairs) else "pose pairs"
-    n, weights = len(pairs.names), np.asarray(pairs.data.weights)
-    parts = [f"Solved by {answer.method} from {np.count_nonzero(answer.trusted)} of {n} {what}."]
-    if pairs.left_out:
-        parts.append(f"{len(pairs.left_out)} rows without partner were left out.")
-    bad = [pairs.names[i] for i in np.flatnonzero(~answer.trusted & (weights > 0.0))]
-    if bad:
-        parts.append(f"Left out, in disagreement with the others: {', '.join(bad)}.")
-    parts.append(answer.note)
-    parts += [direction.description for direction in answer.observability.free_directions]
-    return " ".join(parts)
-
-
-def _rows(pairs: NamedPairs, answer: _Answer, setup: Setup) -> tuple[ImageReport, ...]:
-    """One report for each row of the input: those with a partner, then the others."""
-    X, Z = answer.gripper_T_camera, answer.base_T_world
-    scale, trusted = answer.metres_per_world_unit, answer.trusted
-    angles, distances = row_residuals(pairs.data, X, scale, Z)
-    base_T_camera: list[Array | None] = [None] * len(trusted)
-    if isinstance(pairs.data, PosePairs) and Z is not None:
-        placed = Z @ scaled(pairs.data.world_T_camera, scale)
-        # For eye-to-hand the camera stands still: X is its pose in every row.
-        base_T_camera = list(placed) if setup == "eye-in-hand" else [X] * len(trusted)
-    weights = np.asarray(pairs.data.weights)
-    reports = [
-        ImageReport(
-            name=name,
-            registered=True,
-            base_T_camera=base_T_camera[i],
-            residual_rotation=float(angles[i]),
-            residual_translation=float(distances[i]),
-            outlier=bool(weights[i] and not trusted[i]),
-            reason=_reason(float(weights[i]), float(angles[i]), float(distances[i]))
-            if not trusted[i]
-            else "",
-        )
-        for i, name in enumerate(pairs.names)
-    ]
-    reports += [
-        ImageReport(name=name, registered=False, reason=reason) for name, reason in pairs.left_out
-    ]
-    return tuple(reports)
-
-
-def _reason(weight: float, angle: float, distance: float) -> str:
-    """Why a row was not used."""
-    if not weight:
-        return "its weight is zero"
-    return (
-        f"robot and camera disagree by {math.degrees(angle):.3g} deg and {1e3 * distance:.3g} mm, "
-        "far more than in the other rows, so it was left out; check that they belong together"
-    )
-
-
-def _digest(pairs: NamedPairs) -> str:
-    """SHA-256 over names, poses and weights."""
-    total = hashlib.sha256("\n".join(pairs.names).encode("utf-8", "backslashreplace"))
-    data = pairs.data
-    matrices = (
-        (data.base_T_gripper, data.world_T_camera)
-        if isinstance(data, PosePairs)
-        else (data.gi_T_gj, data.ci_T_cj)
-    )
-    for array in (*matrices, np.asarray(data.weights)):
-        total.update(array.tobytes())
-    return total.hexdigest()

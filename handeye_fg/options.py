@@ -126,7 +126,7 @@ class Prior:
 def _prior_of(words: list[str]) -> Prior:
     """A prior from its words on the command line: KIND X,Y,Z METRES STD."""
     kind, axis, value, std = words
-    # The kind is checked by the prior itself.
+    # The ignored type: the prior itself checks its kind.
     return Prior(kind, tuple(map(float, axis.split(","))), float(value), float(std))  # type: ignore[arg-type]
 
 

@@ -75,8 +75,8 @@ def result() -> Result:
 def calibration(result: Result, monkeypatch: pytest.MonkeyPatch) -> Calibration:
     stand_in = Calibration(result)
     pipeline, sfm = types.ModuleType("pipeline"), types.ModuleType("sfm")
-    pipeline.calibrate = stand_in.calibrate  # type: ignore[attr-defined]
-    sfm.set_verbosity = stand_in.verbose.append  # type: ignore[attr-defined]
+    pipeline.calibrate = stand_in.calibrate  # type: ignore[attr-defined]  # a bare module
+    sfm.set_verbosity = stand_in.verbose.append  # type: ignore[attr-defined]  # likewise
     monkeypatch.setitem(sys.modules, "handeye_fg.pipeline", pipeline)
     monkeypatch.setitem(sys.modules, "handeye_fg.sfm", sfm)
     return stand_in

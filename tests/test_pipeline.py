@@ -182,4 +182,4 @@ def test_refine_an_existing_model(scene, monkeypatch):
 
 def test_unknown_names_of_the_package():
     with pytest.raises(AttributeError, match="no attribute 'solve_everything'"):
-        hf.solve_everything  # noqa: B018
+        hf.solve_everything  # noqa: B018  # the access itself raises

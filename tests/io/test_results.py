@@ -156,10 +156,10 @@ def test_the_schema_is_strict(result: Result, partial: Result) -> None:
     assert is_strict(result_schema())
     for document in (to_document(result), to_document(partial)):
         VALIDATOR.validate(document)
-        for place in (document, document["calibration"], document["images"][0]):  # type: ignore[index]
-            place["surplus"] = 1  # type: ignore[index]
+        for place in (document, document["calibration"], document["images"][0]):  # type: ignore[index]  # JSON
+            place["surplus"] = 1  # type: ignore[index]  # JSON
             assert not VALIDATOR.is_valid(document)
-            del place["surplus"]  # type: ignore[attr-defined]
+            del place["surplus"]  # type: ignore[attr-defined]  # JSON
         for key in list(document):
             assert not VALIDATOR.is_valid({k: v for k, v in document.items() if k != key})
 

@@ -40,7 +40,7 @@ def test_chessboard_counts_squares(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["circles", "acircles"])
 def test_circles(tmp_path: Path, kind: str) -> None:
     target = read(tmp_path, f"kind: {kind}\ncolumns: 4\nrows: 11\nspacing_m: 0.02")
-    assert target.pattern == Grid(kind=kind, columns=4, rows=11, spacing_m=0.02)  # type: ignore[arg-type]
+    assert target.pattern == Grid(kind=kind, columns=4, rows=11, spacing_m=0.02)  # type: ignore[arg-type]  # kind is parametrised
 
 
 def test_apriltag_grid(tmp_path: Path) -> None:

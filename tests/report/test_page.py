@@ -60,7 +60,7 @@ class Page(HTMLParser):
 
 def free_direction(kind: str, vector: list[float]) -> FreeDirection:
     return FreeDirection(
-        kind=kind,  # type: ignore[arg-type]
+        kind=kind,  # type: ignore[arg-type]  # one of the three
         vector=np.array(vector),
         frame="gripper",
         description="The height of the camera along the gripper's z axis is free; tilt the arm.",

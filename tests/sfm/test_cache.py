@@ -37,7 +37,7 @@ def digest(images: Path, **changes: object) -> str:
         "seed": 0,
         "refine_intrinsics": False,
     } | changes
-    return inputs_digest(images, **settings)  # type: ignore[arg-type]
+    return inputs_digest(images, **settings)  # type: ignore[arg-type]  # mixed values
 
 
 def reconstruction() -> pycolmap.Reconstruction:
