@@ -1,5 +1,7 @@
 """The main flow on a simulated reconstruction; images are there but are not looked at."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -108,7 +110,11 @@ def test_without_a_camera_the_intrinsics_are_refined(images, scene, reconstructi
     assert reconstruction[0]["camera"] is None
 
 
-def test_the_limit_of_iterations_is_told(images, scene, reconstruction):
+def test_the_limit_of_iterations_is_told(images, scene, monkeypatch):
+    rng = np.random.default_rng(0)
+    far = disturbed(rng, scene.model.world_T_camera, 0.05, 0.0)
+    model = replace(scene.model, world_T_camera=far)
+    monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: model)
     options = hf.Options(graph=hf.GraphOptions(max_iterations=1))
     result = hf.calibrate(images, poses_of(scene), camera=scene.camera, options=options)
     assert "before it converged" in result.message

@@ -8,7 +8,7 @@ camera matrix; to refine such intrinsics, the graph takes the OPENCV model neare
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
@@ -267,6 +267,6 @@ def _contradiction(
     centre = kept.state.opencv_params
     prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
     pull = intrinsics_pull(base_T_gripper, kept, prior, call.known, call.options.priors)
-    if pull <= _OVERDISPERSION * stats.chi2.isf(_CONTRADICTION, len(centre)):
+    if pull <= _OVERDISPERSION * special.chdtri(len(centre), _CONTRADICTION):
         return None
     return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"

@@ -39,7 +39,9 @@ def determined(state: State, linearised: Linearised, solution: Solution) -> Dete
         linearised: the problem.
         solution: gives the noise levels.
     """
-    solution = solve(replace(linearised, held=None), solution.noise)
+    if linearised.held is not None:
+        linearised = replace(linearised, held=None)
+        solution = solve(linearised, solution.noise)
     freedom = degrees_of_freedom(linearised, solution)
     # With estimated noise levels the errors follow a t distribution; this is its covariance.
     inflation = 1.0 if np.isinf(freedom) else max(freedom, _FEWEST) / (max(freedom, _FEWEST) - 2.0)

@@ -21,7 +21,7 @@ from handeye_fg.graph.variables import (
 )
 from handeye_fg.observability import LIMITS
 from handeye_fg.options import Prior
-from handeye_fg.types import Indices, KnownPoints, Tracks
+from handeye_fg.types import KnownPoints
 
 Gauge = Literal["base", "first camera"]
 
@@ -35,50 +35,6 @@ _HELD = 0.01
 def pose_sigmas(rotation: float, translation: float) -> Array:
     """Sigmas (6,) of a pose in GTSAM's order: rotation in radians, then translation in metres."""
     return np.repeat([rotation, translation], 3)
-
-
-def reprojection_graph(
-    tracks: Tracks,
-    sigmas: Array,
-    opencv_params: Array,
-    *,
-    with_intrinsics: bool,
-    rows: Indices | slice = slice(None),
-) -> gtsam.NonlinearFactorGraph:
-    """Observations of points: predicted minus observed pixel.
-
-    Args:
-        tracks: observations.
-        sigmas: standard deviation (m,) of each observation, pixels.
-        opencv_params: intrinsics (8,) where they are fixed.
-        with_intrinsics: whether the intrinsics are unknowns.
-        rows: which of the observations are used; all by default.
-    """
-    graph = gtsam.NonlinearFactorGraph()
-    models = {s: gtsam.noiseModel.Isotropic.Sigma(2, float(s)) for s in np.unique(sigmas[rows])}
-    observations = zip(
-        tracks.image_index[rows].tolist(),
-        tracks.point_index[rows].tolist(),
-        tracks.pixels[rows],
-        sigmas[rows].tolist(),
-        strict=True,
-    )
-    if with_intrinsics:
-        for i, j, pixel, sigma in observations:
-            graph.push_back(
-                gtsam.GeneralSFMFactor2Cal3DS2(
-                    pixel, models[sigma], camera_key(i), point_key(j), INTRINSICS
-                )
-            )
-        return graph
-    fixed = calibration(opencv_params)
-    for i, j, pixel, sigma in observations:
-        graph.push_back(
-            gtsam.GenericProjectionFactorCal3DS2(
-                pixel, models[sigma], camera_key(i), point_key(j), fixed
-            )
-        )
-    return graph
 
 
 def robot_graph(

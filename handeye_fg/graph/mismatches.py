@@ -6,7 +6,7 @@ import numpy as np
 
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.frames import Array
-from handeye_fg.graph.summary import reprojection_errors
+from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.variables import State
 from handeye_fg.types import Tracks
 

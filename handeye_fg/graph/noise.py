@@ -6,10 +6,11 @@ redundancy, ``sum(1 - leverage)``, not by its count (Foerstner's form of Helmert
 iterated with the solution of the linearised problem, which costs no new elimination.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
@@ -24,8 +25,10 @@ _PRIOR_ROTATION = np.deg2rad(0.02)
 _PRIOR_TRANSLATION = 1e-4
 # No feature is located better than this (pixels); exact observations keep a finite weight.
 _FINEST_PIXEL = 0.01
-_MAX_ITERATIONS = 200
-_CONVERGED = 1e-4  # relative change of a sigma; its own uncertainty is above 1e-2
+_MAX_ITERATIONS = 100
+_CONVERGED = 1e-5  # relative change of a sigma; its own uncertainty is above 1e-2
+_MEMORY = 4  # solutions from which the levels are extrapolated: one more than there are levels
+_FARTHEST = 1.0  # in logarithms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,6 +40,7 @@ class Solution:
         redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
         squares: weightless sums of squared residuals of the same four groups after the step.
         step: of the shared unknowns (d,), towards the minimum.
+        decrease: of the cost by this step.
         covariance: of the shared unknowns (d, d).
         robot_covariance: covariance (n, 6, 6) of the robot residuals after the fit.
     """
@@ -45,6 +49,7 @@ class Solution:
     redundancy: tuple[float, float, float, float]
     squares: tuple[float, float, float, float]
     step: Array
+    decrease: float
     covariance: Array
     robot_covariance: Array
 
@@ -60,22 +65,57 @@ def _known(options: NoiseOptions) -> tuple[float | None, float | None, float | N
     )
 
 
-def _inverse(hessian: Array) -> Array:
-    """Inverse of an information matrix whose unknowns have very different units.
+def _solved(hessian: Array, gradient: Array) -> tuple[Array, Array]:
+    """Solution (d,) and inverse (d, d) of normal equations whose unknowns have very different units.
+
+    The solution does not come from the inverse: in the directions that are hardly determined, that
+    would leave nothing but rounding of the small residuals.
 
     Raises:
-        ConvergenceError: it is not positive definite.
+        ConvergenceError: the information matrix is not positive definite.
     """
     scale = 1.0 / np.sqrt(np.diag(hessian))
-    try:
-        factor = linalg.cho_factor(hessian * np.outer(scale, scale))
-    except linalg.LinAlgError as error:
+    # LAPACK works in place on columns; of a symmetric matrix these are the rows.
+    scaled = (hessian * scale * scale[:, None]).T
+    factor, failed = lapack.dpotrf(scaled, lower=1, overwrite_a=1)
+    if failed or not np.isfinite(scale).all():
         raise ConvergenceError(
             "the information matrix of the refinement is not positive definite: the images do not "
             "hold together; check that they overlap and that the poses belong to them"
-        ) from error
-    inverse = linalg.cho_solve(factor, np.eye(len(hessian)))
-    return np.asarray(0.5 * (inverse + inverse.T) * np.outer(scale, scale))
+        )
+    solution, _ = lapack.dpotrs(factor, scale * gradient, lower=1)
+    lower, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    lower *= scale
+    lower *= scale[:, None]
+    inverse = np.tril(lower)
+    inverse += np.tril(lower, -1).T
+    return scale * solution, inverse
+
+
+def _weights(noise: NoiseLevels) -> Array:
+    """Weights (6,) of a robot residual."""
+    return np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** -2.0
+
+
+def _normal_equations(problem: Linearised, noise: NoiseLevels) -> tuple[Array, Array]:
+    """Information matrix (d, d) and right-hand side (d,) with the given levels."""
+    hessian, gradient = scatter(problem.robot, _weights(noise), problem.layout.dim)
+    unit = noise.pixel / problem.pixel_unit_px
+    parts = [(problem.reprojections, unit), (problem.prior, 1.0)]
+    parts += [(problem.corners, _corner(noise))] if problem.corner_rows else []
+    parts += [] if problem.held is None else [(problem.held, 1.0)]
+    for part, sigma in parts:
+        hessian += part.hessian / sigma**2
+        gradient += part.gradient / sigma**2
+    return hessian, gradient
+
+
+def cost(problem: Linearised, noise: NoiseLevels) -> float:
+    """Cost of the linearised problem without a step, but with the unknown points at their best."""
+    squares = float(np.sum(_weights(noise) * problem.robot.residual**2))
+    squares += problem.reprojections.constant * (problem.pixel_unit_px / noise.pixel) ** 2
+    squares += problem.corners.constant / _corner(noise) ** 2 + problem.prior.constant
+    return 0.5 * (squares + (0.0 if problem.held is None else problem.held.constant))
 
 
 def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
@@ -84,25 +124,18 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     Raises:
         ConvergenceError: the information matrix is not positive definite.
     """
-    images, corners = problem.reprojections, problem.corners
-    robot, prior = problem.robot, problem.prior
-    unit, corner = noise.pixel / problem.pixel_unit_px, _corner(noise)
-    weights = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** -2.0
-    robot_hessian, robot_gradient = scatter(robot, weights, problem.layout.dim)
-    seen = images.hessian / unit**2 + corners.hessian / corner**2
-    seen_gradient = images.gradient / unit**2 + corners.gradient / corner**2
-    others, others_gradient = prior.hessian, prior.gradient
-    if problem.held is not None:
-        others = others + problem.held.hessian
-        others_gradient = others_gradient + problem.held.gradient
-    covariance = _inverse(seen + robot_hessian + others)
-    step = covariance @ (seen_gradient + robot_gradient + others_gradient)
+    images, corners, robot = problem.reprojections, problem.corners, problem.robot
+    hessian, gradient = _normal_equations(problem, noise)
+    step, covariance = _solved(hessian, gradient)
 
+    weights = _weights(noise)
     predicted = predicted_covariance(robot, covariance)
     leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
     rotation_used, translation_used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
-    pixel_used = np.sum(images.hessian * covariance) / unit**2
-    corner_used = np.sum(corners.hessian * covariance) / corner**2
+    pixel_used = np.sum(images.hessian * covariance) * (problem.pixel_unit_px / noise.pixel) ** 2
+    corner_used = 0.0
+    if problem.corner_rows:
+        corner_used = np.sum(corners.hessian * covariance) / _corner(noise) ** 2
     rows = 3 * len(robot.residual)
 
     moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
@@ -122,6 +155,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
             _squares(corners, step),
         ),
         step=step,
+        decrease=0.5 * float(gradient @ step),
         covariance=covariance,
         robot_covariance=np.diag(1.0 / weights) - predicted,
     )
@@ -177,6 +211,9 @@ def relative_change(before: NoiseLevels, after: NoiseLevels) -> float:
 def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOptions) -> Solution:
     """Find the noise levels that agree with the residuals of the linearised problem.
 
+    Each solution gives new levels; their fixed point is sought with Anderson's acceleration, since
+    a solution costs the inverse of the information matrix.
+
     Args:
         problem: the linearised problem.
         start: first levels.
@@ -188,14 +225,45 @@ def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOption
     Raises:
         ConvergenceError: the information matrix is not positive definite.
     """
+    tried: list[Array] = []
+    given: list[Array] = []
     solution = solve(problem, start)
     for _ in range(_MAX_ITERATIONS):
         levels = _updated(solution, options)
-        change = relative_change(solution.noise, levels)
-        solution = solve(problem, levels)
-        if change < _CONVERGED:
+        if relative_change(solution.noise, levels) < _CONVERGED:
             break
+        tried.append(_logarithms(solution.noise))
+        given.append(_logarithms(levels))
+        levels = _accelerated(tried[-_MEMORY:], given[-_MEMORY:], levels, options)
+        solution = solve(problem, levels)
     return solution
+
+
+def _logarithms(levels: NoiseLevels) -> Array:
+    return np.log([levels.pixel, levels.robot_rotation, levels.robot_translation, _corner(levels)])
+
+
+def _accelerated(
+    tried: Sequence[Array], given: Sequence[Array], updated: NoiseLevels, options: NoiseOptions
+) -> NoiseLevels:
+    """Levels nearer to the fixed point of ``tried -> given`` than the last ones given, ``updated``.
+
+    The change is extrapolated to zero from the last ones; levels that the user knows stay.
+    """
+    if len(tried) < 2:
+        return updated
+    changes = np.subtract(given, tried)
+    weights, *_ = np.linalg.lstsq(np.diff(changes, axis=0).T, changes[-1])
+    ahead = -weights @ np.diff(given, axis=0)
+    pixel, rotation, translation, corner = np.exp(given[-1] + np.clip(ahead, -_FARTHEST, _FARTHEST))
+    known = _known(options)
+    return replace(
+        updated,
+        pixel=float(pixel) if known[0] is None else updated.pixel,
+        robot_rotation=float(rotation) if known[1] is None else updated.robot_rotation,
+        robot_translation=float(translation) if known[2] is None else updated.robot_translation,
+        corner=updated.corner if updated.corner is None or known[0] else float(corner),
+    )
 
 
 def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
@@ -208,15 +276,21 @@ def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
         return float("inf")
     noise, columns = solution.noise, problem.layout.x_columns
     to_x = solution.covariance[columns]
-    sigmas = (noise.robot_rotation, noise.robot_translation)
-    contributions = [problem.reprojections.hessian / (noise.pixel / problem.pixel_unit_px) ** 2]
-    for part, sigma in enumerate(sigmas):
-        weights = np.zeros(6)
-        weights[3 * part : 3 * part + 3] = sigma**-2.0
-        contributions.append(scatter(problem.robot, weights, problem.layout.dim)[0])
-    contributions.append(problem.corners.hessian / _corner(noise) ** 2)
-    x_information = _inverse(solution.covariance[np.ix_(columns, columns)])
-    shares = [float(np.sum(x_information * (to_x @ part @ to_x.T))) / 6 for part in contributions]
+
+    def contribution(hessian: Array, sigma: float) -> Array:
+        return np.asarray(to_x @ hessian @ to_x.T) / sigma**2
+
+    contributions = [
+        contribution(problem.reprojections.hessian, noise.pixel / problem.pixel_unit_px)
+    ]
+    for part, sigma in enumerate((noise.robot_rotation, noise.robot_translation)):
+        weights = np.repeat(np.eye(2)[part], 3)
+        contributions.append(
+            contribution(scatter(problem.robot, weights, problem.layout.dim)[0], sigma)
+        )
+    contributions.append(contribution(problem.corners.hessian, _corner(noise)))
+    x_information = _solved(solution.covariance[np.ix_(columns, columns)], np.zeros(6))[1]
+    shares = [float(np.sum(x_information * part)) / 6 for part in contributions]
     uncertainty = sum(
         share**2 / max(redundancy, 1.0)
         for share, redundancy in zip(shares, solution.redundancy, strict=True)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution, estimate_noise
@@ -89,9 +89,9 @@ def _improbable(linearised: Linearised, without: Solution, pose: int, level: flo
     for part, redundancy in zip((slice(0, 3), slice(3, 6)), without.redundancy[1:3], strict=True):
         square = _squares(residual[None, part], covariance[None, part, part])[0] / 3.0
         if without.noise.estimated:
-            limit = stats.f.isf(level / 2.0, 3, max(redundancy, 1.0))
+            limit = special.fdtri(3, max(redundancy, 1.0), 1.0 - level / 2.0)
         else:
-            limit = stats.chi2.isf(level / 2.0, 3) / 3.0
+            limit = special.chdtri(3, level / 2.0) / 3.0
         if square > limit:
             return True
     return False

@@ -1,7 +1,7 @@
 """The graph of one choice of observations, and its linearised form; entry point ``make_problem``."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -9,10 +9,19 @@ from numpy.typing import NDArray
 
 from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
+from handeye_fg.graph.elimination import (
+    Batch,
+    batches,
+    corner_batch,
+    corners_quadratic,
+    eliminate,
+    squares,
+)
 from handeye_fg.graph.mismatches import Kept
-from handeye_fg.graph.reduced import Layout, Linearised, eliminate_points, robot_rows, summed
+from handeye_fg.graph.reduced import Layout, Linearised, Quadratic, robot_rows, summed
+from handeye_fg.graph.variables import State, moved, shared_keys, to_values
 from handeye_fg.options import Prior
-from handeye_fg.types import Indices, KnownPoints, NoiseLevels, Tracks
+from handeye_fg.types import KnownPoints, NoiseLevels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,18 +39,14 @@ class IntrinsicsPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """One choice of observations, their part of the graph (built once), and what does not change.
+    """One choice of observations, and everything that does not change while it is optimised.
 
-    The sigmas of the observations have the unit ``pixel_unit_px``. When the noise levels change, the
-    graph is not built again: only the ratios of the levels matter to the optimum, so the metric
-    measurements are scaled instead. Corners of a target, which are few, have their own level.
+    The sigmas of the observations of unknown points have the unit ``pixel_unit_px``, those of corners
+    of a target, which have a level of their own, are relative.
     """
 
-    tracks: Tracks
-    sigma_scale: Array
-    reprojections: gtsam.NonlinearFactorGraph
-    corners: Indices
-    opencv_params: Array
+    scene: tuple[Batch, ...]
+    corners: Batch
     gauge: gtsam.NonlinearFactorGraph
     base_T_gripper: Array
     trusted: NDArray[np.bool_]
@@ -52,52 +57,76 @@ class Problem:
     layout: Layout
     held: gtsam.NonlinearFactorGraph | None = None
 
-    def graph(self, noise: NoiseLevels) -> gtsam.NonlinearFactorGraph:
-        """All measurements; their sigmas have the unit that makes a pixel's ``pixel_unit_px``."""
-        unit = self.pixel_unit_px / noise.pixel
-        corners = self._seen_corners(unit * (noise.corner or 1.0))
-        graphs = [self.reprojections, corners, self._robot(noise, unit), self._priors(unit)]
-        return m.joined(graphs if self.held is None else [*graphs, self.held])
+    def linearised(self, state: State) -> Linearised:
+        """The problem around a state.
 
-    def linearised(self, values: gtsam.Values, noise: NoiseLevels) -> Linearised:
-        """The problem around an estimate."""
-        points = len(self.tracks.points_world)
-        sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
-        scene_rows = 2 * (len(self.tracks.pixels) - len(self.corners))
+        Args:
+            state: the values.
+
+        Raises:
+            ConvergenceError: a point is not determined by its observations.
+        """
+        values = self._values(state)
+        eliminated = eliminate(self.scene, state, self.layout)
+        n_unknown = len(state.points_world) - self.layout.n_known
         return Linearised(
-            reprojections=eliminate_points(
-                self.reprojections.linearize(values), points, self.layout
-            ),
-            corners=summed(self._seen_corners(1.0).linearize(values), self.layout),
-            robot=robot_rows(self._robot(noise).linearize(values), sigmas, self.layout),
+            reprojections=eliminated.quadratic,
+            corners=corners_quadratic(self.corners, state, self.layout),
+            robot=robot_rows(self._robot().linearize(values), self.layout),
             prior=summed(self._priors().linearize(values), self.layout),
             pixel_unit_px=self.pixel_unit_px,
-            pixel_redundancy=scene_rows - 3 * (points - self.layout.n_known),
-            corner_rows=2 * len(self.corners),
+            pixel_redundancy=2 * sum(len(part.sigmas) for part in self.scene) - 3 * n_unknown,
+            corner_rows=2 * len(self.corners.sigmas),
             layout=self.layout,
-            held=None if self.held is None else summed(self.held.linearize(values), self.layout),
+            point_steps=eliminated.point_steps,
+            held=self.held_at(state),
         )
 
-    def _robot(self, noise: NoiseLevels, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+    def cost(self, state: State, noise: NoiseLevels) -> float:
+        """Half the sum of squared whitened residuals."""
+        unit = noise.pixel / self.pixel_unit_px
+        images = squares(self.scene, state) / unit**2
+        images += squares([self.corners], state) / (noise.corner or 1.0) ** 2
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
-        return m.robot_graph(self.base_T_gripper, unit * sigmas, self.trusted)
+        graphs = [m.robot_graph(self.base_T_gripper, sigmas, self.trusted), self._priors()]
+        graphs += [] if self.held is None else [self.held]
+        return 0.5 * images + float(m.joined(graphs).error(self._values(state)))
 
-    def _seen_corners(self, sigma: float) -> gtsam.NonlinearFactorGraph:
-        return m.reprojection_graph(
-            self.tracks,
-            sigma * self.sigma_scale,
-            self.opencv_params,
-            with_intrinsics=self.layout.with_intrinsics,
-            rows=self.corners,
-        )
+    def holding(self, gripper_T_camera: Array, free: Array) -> "Problem":
+        """The problem with X held along free directions, columns (6, k) in units of the limits."""
+        held = m.held_graph(gripper_T_camera, free) if free.size else None
+        return replace(self, held=held)
 
-    def _priors(self, unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
-        graphs = [self.gauge, m.known_x_graph(self.known_x, unit)]
+    def held_at(self, state: State) -> Quadratic | None:
+        """What holds X, around a state; None: nothing does."""
+        if self.held is None:
+            return None
+        return summed(self.held.linearize(self._values(state)), self.layout)
+
+    def moved(self, state: State, linearised: Linearised, step: Array, part: float = 1.0) -> State:
+        """The state after a part of a step (d,) of the shared unknowns and of the points with it."""
+        layout = self.layout
+        steps = gtsam.VectorValues()
+        for key in shared_keys(
+            layout.n_cameras, with_intrinsics=layout.with_intrinsics, n_known=layout.n_known
+        ):
+            steps.insert(key, part * step[layout.columns(key)])
+        return moved(state, steps, part * linearised.point_steps(step))
+
+    def _values(self, state: State) -> gtsam.Values:
+        """The shared unknowns for GTSAM."""
+        layout = self.layout
+        return to_values(state, with_intrinsics=layout.with_intrinsics, n_points=layout.n_known)
+
+    def _robot(self) -> gtsam.NonlinearFactorGraph:
+        return m.robot_graph(self.base_T_gripper, np.ones(6), self.trusted)
+
+    def _priors(self) -> gtsam.NonlinearFactorGraph:
+        graphs = [self.gauge, m.known_x_graph(self.known_x)]
         if self.intrinsics is not None:
-            prior = self.intrinsics
-            graphs.append(m.intrinsics_graph(prior.params, unit * prior.sigmas))
+            graphs.append(m.intrinsics_graph(self.intrinsics.params, self.intrinsics.sigmas))
         if self.known is not None:
-            graphs.append(m.known_points_graph(self.known, unit))
+            graphs.append(m.known_points_graph(self.known))
         return m.joined(graphs)
 
 
@@ -123,20 +152,11 @@ def make_problem(
     """
     state, tracks, with_intrinsics = kept.state, kept.tracks, intrinsics is not None
     n_known = 0 if known is None else len(known.points_world)
-    corners = tracks.point_index < n_known
+    n_cameras = len(state.world_T_camera)
     held = m.wide_prior_graph(state)
     return Problem(
-        tracks=tracks,
-        sigma_scale=kept.sigma_scale,
-        reprojections=m.reprojection_graph(
-            tracks,
-            kept.pixel * kept.sigma_scale,
-            state.opencv_params,
-            with_intrinsics=with_intrinsics,
-            rows=np.flatnonzero(~corners),
-        ),
-        corners=np.flatnonzero(corners),
-        opencv_params=state.opencv_params,
+        scene=batches(tracks, kept.pixel * kept.sigma_scale, n_cameras, n_known),
+        corners=corner_batch(tracks, kept.sigma_scale, n_cameras, n_known),
         gauge=m.joined([m.gauge_graph(state, gauge), held]) if known is None else held,
         base_T_gripper=base_T_gripper,
         trusted=np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted,
@@ -144,7 +164,5 @@ def make_problem(
         known=known,
         known_x=known_x,
         pixel_unit_px=kept.pixel,
-        layout=Layout(
-            n_cameras=len(state.world_T_camera), with_intrinsics=with_intrinsics, n_known=n_known
-        ),
+        layout=Layout(n_cameras=n_cameras, with_intrinsics=with_intrinsics, n_known=n_known),
     )

@@ -1,22 +1,22 @@
 """The linearised problem with the points eliminated: small, dense, and all that statistics need.
 
 The shared unknowns are the camera poses, X, Z, the logarithm of the scale, where refined the
-intrinsics, and the known points, whose prior makes them different from the others. Image observations enter as one quadratic form (their points eliminated by GTSAM), robot
-poses as Jacobian rows, so that covariances for other noise levels need no new elimination.
+intrinsics, and the known points, whose prior makes them different from the others. Image observations
+enter as one quadratic form, their points eliminated, robot poses as Jacobian rows, so that solutions
+and covariances for other noise levels need no new elimination.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.variables import (
     CALIBRATION_DIM,
     GRIPPER_T_CAMERA,
-    point_key,
     shared_keys,
 )
 
@@ -103,6 +103,8 @@ class Linearised:
         pixel_redundancy: observed pixel coordinates of unknown points less point coordinates.
         corner_rows: observed pixel coordinates of known points.
         layout: of the shared unknowns.
+        point_steps: steps (p, 3) of the eliminated points that belong to a step (d,) of the shared
+            unknowns.
         held: what keeps free directions of X where they are; None: nothing.
     """
 
@@ -114,28 +116,8 @@ class Linearised:
     pixel_redundancy: int
     corner_rows: int
     layout: Layout
+    point_steps: Callable[[Array], Array]
     held: Quadratic | None = None
-
-
-def eliminate_points(
-    reprojections: gtsam.GaussianFactorGraph, n_points: int, layout: Layout
-) -> Quadratic:
-    """The reprojections as a quadratic form in the shared unknowns that they touch.
-
-    Raises:
-        ConvergenceError: a point is not determined by its observations.
-    """
-    ordering = gtsam.Ordering()
-    for j in range(layout.n_known, n_points):
-        ordering.push_back(point_key(j))
-    try:
-        _, rest = reprojections.eliminatePartialMultifrontal(ordering)
-    except RuntimeError as error:
-        raise ConvergenceError(
-            "a scene point is not determined by its observations after the refinement; "
-            "the reconstruction is too weak, add images"
-        ) from error
-    return summed(rest, layout)
 
 
 def summed(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
@@ -161,14 +143,14 @@ def summed(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
     return Quadratic(hessian=hessian, gradient=gradient, constant=float(dense[-1, -1]))
 
 
-def robot_rows(linear: gtsam.GaussianFactorGraph, sigmas: Array, layout: Layout) -> Rows:
-    """Robot factors in natural units, their whitening by ``sigmas`` (6,) undone."""
+def robot_rows(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Rows:
+    """Robot factors, which were made with unit sigmas, in natural units."""
     jacobians, residuals, columns = [], [], []
     for k in range(linear.size()):
         factor = linear.at(k)
         jacobian, right = factor.jacobian()
-        jacobians.append(sigmas[:, None] * jacobian)
-        residuals.append(-sigmas * right.ravel())
+        jacobians.append(jacobian)
+        residuals.append(-right.ravel())
         columns.append(np.concatenate([layout.columns(key) for key in factor.keys()]))
     return Rows(
         jacobian=np.array(jacobians), residual=np.array(residuals), columns=np.array(columns)

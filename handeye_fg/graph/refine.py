@@ -7,23 +7,30 @@ import numpy as np
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
-from handeye_fg.graph import measurements as m
 from handeye_fg.graph.determined import determined
+from handeye_fg.graph.measurements import Gauge
 from handeye_fg.graph.mismatches import Kept, without_mismatches
-from handeye_fg.graph.noise import Solution, estimate_noise, relative_change
-from handeye_fg.graph.optimise import optimise
+from handeye_fg.graph.noise import Solution, cost, estimate_noise
 from handeye_fg.graph.outliers import disagreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
-from handeye_fg.graph.variables import INTRINSICS, State, from_values, ordering, to_values
+from handeye_fg.graph.threads import one_blas_thread
+from handeye_fg.graph.variables import INTRINSICS, State
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
 from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, SfmModel
 
-_MAX_ROUNDS = 8
-_NOISE_CONVERGED = 0.01  # relative; the sigmas' own uncertainty is larger
+# The first fit only tells which observations are mismatches: errors that are right to a part of 5e-4 do.
+_FIRST_TOLERANCE = 1e-3
+# After a step the cost may differ by this part from what the linearised problem promised. What is left
+# to gain is less than the difference; with the cost near half the number of observations N, that is
+# sqrt(1e-7 N) sigma in all directions together, and in fact about a hundredth of it.
+_TOLERANCE = 1e-7
+_LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
+_GOOD = 0.25  # part of a step's expected decrease that may be missing
+_MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
 
 def start_state(model: SfmModel, opencv_params: Array, linear: LinearStart) -> State:
@@ -72,7 +79,6 @@ class _Fit:
     """An optimum with noise levels that agree with it."""
 
     state: State
-    problem: Problem
     linearised: Linearised
     solution: Solution
     iterations: int
@@ -83,60 +89,95 @@ def _fitted(
     problem: Problem,
     start: State,
     levels: NoiseLevels,
-    rounds: int,
     noise: NoiseOptions,
-    options: GraphOptions,
+    tolerance: float,
+    max_iterations: int,
     progress: Progress,
     done: int = 0,
 ) -> _Fit:
-    """Optimise and estimate the noise in turn until the levels stay the same.
+    """Optimise, and find the noise levels of each linearised problem before its step.
 
     Along directions that the data leave free X stays where it starts: noise, which bends the cost a
     little, would otherwise carry it away, and the linearisation with it.
     """
-    with_intrinsics = problem.layout.with_intrinsics
-    order = ordering(
-        problem.layout.n_cameras,
-        len(problem.tracks.points_world),
-        with_intrinsics=with_intrinsics,
-    )
-    values = to_values(start, with_intrinsics=with_intrinsics)
-    free = _free(start, problem.linearised(values, levels), levels, noise)
-    iterations = 0
+    state, linearised, iterations = start, problem.linearised(start), 0
     while True:
-        problem = replace(problem, held=m.held_graph(start.gripper_T_camera, free))
-        optimum = optimise(
-            problem.graph(levels),
-            values,
-            order,
-            max_iterations=options.max_iterations,
-            progress=progress,
-            done=done + iterations,
+        bare = replace(linearised, held=None)
+        solution = estimate_noise(bare, levels, noise)
+        free = free_basis(determined(state, bare, solution).joint[:6, :6])
+        problem = problem.holding(start.gripper_T_camera, free)
+        linearised = replace(bare, held=problem.held_at(state))
+        if linearised.held is not None:
+            solution = estimate_noise(linearised, solution.noise, noise)
+        levels, converged = solution.noise, False
+        if iterations < max_iterations:
+            expected = cost(linearised, levels) - solution.decrease
+            enough = tolerance * max(expected, _LEAST_COST)
+            moved, found = _stepped(problem, state, linearised, solution, expected, enough)
+            iterations += 1
+            progress("iterations", done + iterations, None)
+            # A Hessian that is wrong by a part q along the step makes q times the decrease of the
+            # difference, and leaves q^2 times it to the next step.
+            converged = abs(found - expected) <= enough
+            if not converged:
+                state, linearised = moved, problem.linearised(moved)
+                continue
+            state = moved
+        return _Fit(
+            state=state,
+            linearised=linearised,
+            solution=solution,
+            iterations=iterations,
+            converged=converged,
         )
-        values, iterations, rounds = optimum.values, iterations + optimum.iterations, rounds - 1
-        linearised = problem.linearised(values, levels)
-        solution = estimate_noise(linearised, levels, noise)
-        change, levels = relative_change(levels, solution.noise), solution.noise
-        state = from_values(values, start, with_intrinsics=with_intrinsics)
-        before, free = free, _free(state, linearised, levels, noise)
-        settled = change < _NOISE_CONVERGED and free.shape == before.shape
-        if settled or rounds == 0:
-            return _Fit(
-                state=state,
-                problem=problem,
-                linearised=linearised,
-                solution=solution,
-                iterations=iterations,
-                converged=optimum.converged,
-            )
 
 
-def _free(state: State, linearised: Linearised, levels: NoiseLevels, noise: NoiseOptions) -> Array:
-    """Basis (6, k) of the free directions of X, in units of the limits."""
-    solution = estimate_noise(replace(linearised, held=None), levels, noise)
-    return free_basis(determined(state, linearised, solution).joint[:6, :6])
+def _stepped(
+    problem: Problem,
+    state: State,
+    linearised: Linearised,
+    solution: Solution,
+    expected: float,
+    enough: float,
+) -> tuple[State, float]:
+    """A state with a lower cost, and this cost: the whole step, or a part of it if that is better.
+
+    Where the problem is flat and bent, whole steps would go to and fro across the minimum.
+
+    Args:
+        problem: the problem.
+        state: where the step starts.
+        linearised: the problem there.
+        solution: the step.
+        expected: cost after the step if the linearised problem is right.
+        enough: difference from ``expected`` that is good enough.
+
+    Raises:
+        ConvergenceError: no part of the step lowers the cost.
+    """
+    levels = solution.noise
+    moved = problem.moved(state, linearised, solution.step)
+    found = problem.cost(moved, levels)
+    before = problem.cost(state, levels)
+    gain, part = before - expected, 1.0
+    if found - expected <= max(_GOOD * gain, enough):
+        return moved, found
+    for _ in range(_MOST_PARTS):
+        # The parabola with the cost and the slope at the start, and the cost after the step.
+        lowest = gain * part**2 / (found - before + 2.0 * gain * part)
+        part = float(np.clip(np.nan_to_num(lowest), 0.1 * part, 0.9 * part))
+        shorter = problem.moved(state, linearised, solution.step, part)
+        there = problem.cost(shorter, levels)
+        if min(found, there) <= before:
+            return (moved, found) if found < there else (shorter, there)
+        moved, found = shorter, there
+    raise ConvergenceError(
+        "the joint refinement diverged: no step lowers its cost; check the robot poses and the "
+        "reconstruction"
+    )
 
 
+@one_blas_thread()
 def intrinsics_pull(
     base_T_gripper: Array,
     kept: Refinement,
@@ -164,8 +205,7 @@ def intrinsics_pull(
         corner=kept.noise.corner or 1.0,
     )
     problem = make_problem(observed, base_T_gripper, "base", prior, known, known_x, ~kept.outliers)
-    values = to_values(kept.state, with_intrinsics=True)
-    solution = estimate_noise(problem.linearised(values, kept.noise), kept.noise, NoiseOptions())
+    solution = estimate_noise(problem.linearised(kept.state), kept.noise, NoiseOptions())
     columns = np.delete(problem.layout.columns(INTRINSICS), 2)  # without the skew
     step = solution.step[columns]
     covariance = solution.covariance[np.ix_(columns, columns)]
@@ -174,6 +214,7 @@ def intrinsics_pull(
     return float(step / scale @ np.linalg.solve(shaped, step / scale))
 
 
+@one_blas_thread()
 def refine(
     model: SfmModel,
     base_T_gripper: Array,
@@ -184,7 +225,7 @@ def refine(
     noise: NoiseOptions,
     options: GraphOptions,
     progress: Progress,
-    gauge: m.Gauge = "base",
+    gauge: Gauge = "base",
     known: KnownPoints | None = None,
     known_x: Sequence[Prior] = (),
     frame: str = "gripper",
@@ -215,28 +256,22 @@ def refine(
     kept = without_mismatches(start, model.tracks, scales, n_known)
     problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
     levels = _first_noise(kept, base_T_gripper, with_corners=known is not None)
-    first = _fitted(problem, kept.state, levels, 1, noise, options, progress)
+    limit = options.max_iterations
+    fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress)
 
     # Mismatches that hid behind a wrong start show now.
-    kept = without_mismatches(first.state, kept.tracks, kept.sigma_scale, n_known)
+    kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
     problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
-    levels = first.solution.noise
-    fit = _fitted(problem, kept.state, levels, _MAX_ROUNDS, noise, options, progress)
-    iterations = first.iterations + fit.iterations
+    levels, iterations = fit.solution.noise, fit.iterations
+    del fit  # large, and the next one takes as much again
+    fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, iterations)
+    iterations += fit.iterations
     while (bad := disagreeing(fit.linearised, fit.solution, noise)).any():
         trusted = problem.trusted.copy()
         trusted[np.flatnonzero(trusted)[bad]] = False
         problem = replace(problem, trusted=trusted)
-        fit = _fitted(
-            problem,
-            fit.state,
-            fit.solution.noise,
-            _MAX_ROUNDS,
-            noise,
-            options,
-            progress,
-            iterations,
-        )
+        levels = fit.solution.noise
+        fit = _fitted(problem, fit.state, levels, noise, _TOLERANCE, limit, progress, iterations)
         iterations += fit.iterations
     return summarise(
         model,

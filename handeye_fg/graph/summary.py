@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import determined, spread
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Linearised
+from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State
 from handeye_fg.observability import Observability, analyse
 from handeye_fg.types import KnownPoints, NoiseLevels, SfmModel, Tracks
@@ -65,20 +65,6 @@ class Refinement:
     converged: bool
 
 
-def reprojection_errors(state: State, tracks: Tracks) -> Array:
-    """Predicted minus observed pixels (m, 2); NaN for a point behind its camera."""
-    camera_T_world = frames.inverse(state.world_T_camera)[tracks.image_index]
-    points = state.points_world[tracks.point_index]
-    in_camera = np.einsum("nij,nj->ni", camera_T_world[:, :3, :3], points)
-    in_camera += camera_T_world[:, :3, 3]
-    fx, fy, cx, cy, *distortion = state.opencv_params
-    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    projected, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), K, np.array(distortion))
-    errors = projected.reshape(-1, 2) - tracks.pixels
-    errors[in_camera[:, 2] <= 0] = np.nan
-    return np.asarray(errors)
-
-
 def robot_residuals(state: State, base_T_gripper: Array) -> Array:
     """Reported robot poses (n, 4, 4) against those of the state: (n, 6), radians and metres."""
     metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
@@ -101,7 +87,7 @@ def scale_agrees(asked: Refinement, known: KnownPoints) -> bool:
         known: the points.
     """
     pull = abs(asked.state.log_scale) / np.hypot(asked.log_scale_std, known.log_scale_sigma)
-    return bool(2.0 * stats.t.sf(pull, asked.degrees_of_freedom) > _FALSE_ALARM)
+    return bool(2.0 * special.stdtr(asked.degrees_of_freedom, -pull) > _FALSE_ALARM)
 
 
 def _aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:

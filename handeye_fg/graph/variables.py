@@ -50,12 +50,12 @@ def calibration(opencv_params: Array) -> gtsam.Cal3DS2:
     return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, k1, k2, p1, p2)
 
 
-def to_values(state: State, *, with_intrinsics: bool) -> gtsam.Values:
-    """The state as ``gtsam.Values``."""
+def to_values(state: State, *, with_intrinsics: bool, n_points: int | None = None) -> gtsam.Values:
+    """The state, with its first ``n_points`` points (None: all), as ``gtsam.Values``."""
     values = gtsam.Values()
     for i, matrix in enumerate(state.world_T_camera):
         values.insert(camera_key(i), gtsam.Pose3(matrix))
-    for j, point in enumerate(state.points_world):
+    for j, point in enumerate(state.points_world[:n_points]):
         values.insert(point_key(j), point)
     values.insert(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera))
     values.insert(BASE_T_WORLD, gtsam.Pose3(state.base_T_world))
@@ -70,24 +70,6 @@ def matrix_of(pose: gtsam.Pose3) -> Array:
     return frames.pose(frames.orthonormalised(pose.rotation().matrix()), pose.translation())
 
 
-def from_values(values: gtsam.Values, template: State, *, with_intrinsics: bool) -> State:
-    """The state in ``values``; sizes, and fixed intrinsics, come from ``template``."""
-    params = template.opencv_params
-    if with_intrinsics:
-        params = np.delete(np.asarray(values.atCal3DS2(INTRINSICS).vector()), 2)  # without the skew
-    n_cameras, n_points = len(template.world_T_camera), len(template.points_world)
-    return State(
-        world_T_camera=np.array(
-            [matrix_of(values.atPose3(camera_key(i))) for i in range(n_cameras)]
-        ),
-        points_world=np.array([values.atPoint3(point_key(j)) for j in range(n_points)]),
-        gripper_T_camera=matrix_of(values.atPose3(GRIPPER_T_CAMERA)),
-        base_T_world=matrix_of(values.atPose3(BASE_T_WORLD)),
-        log_scale=float(values.atDouble(LOG_SCALE)),
-        opencv_params=params,
-    )
-
-
 def shared_keys(n_cameras: int, *, with_intrinsics: bool, n_known: int = 0) -> list[int]:
     """All keys but the unknown points', in the order of the reduced system: cameras, X, Z, l, K, known."""
     keys = [camera_key(i) for i in range(n_cameras)]
@@ -96,11 +78,30 @@ def shared_keys(n_cameras: int, *, with_intrinsics: bool, n_known: int = 0) -> l
     return [*keys, *(point_key(j) for j in range(n_known))]
 
 
-def ordering(n_cameras: int, n_points: int, *, with_intrinsics: bool) -> gtsam.Ordering:
-    """Points first: each is eliminated into the few cameras that see it."""
-    result = gtsam.Ordering()
-    for j in range(n_points):
-        result.push_back(point_key(j))
-    for key in shared_keys(n_cameras, with_intrinsics=with_intrinsics):
-        result.push_back(key)
-    return result
+def moved(state: State, steps: gtsam.VectorValues, point_steps: Array) -> State:
+    """The state after a step.
+
+    Args:
+        state: where the step starts.
+        steps: tangents by key, of the cameras, X, Z, the scale and what else is an unknown but for the
+            unknown points; the intrinsics stay without skew.
+        point_steps: of the last points (p, 3), which are the unknown ones.
+    """
+    with_intrinsics = steps.exists(INTRINSICS)
+    n_known = len(state.points_world) - len(point_steps)
+    values = to_values(state, with_intrinsics=with_intrinsics, n_points=n_known).retract(steps)
+    params = state.opencv_params
+    if with_intrinsics:
+        params = np.delete(np.asarray(values.atCal3DS2(INTRINSICS).vector()), 2)
+    cameras = [matrix_of(values.atPose3(camera_key(i))) for i in range(len(state.world_T_camera))]
+    known = [values.atPoint3(point_key(j)) for j in range(n_known)]
+    return State(
+        world_T_camera=np.array(cameras),
+        points_world=np.concatenate(
+            [np.reshape(known, (-1, 3)), state.points_world[n_known:] + point_steps]
+        ),
+        gripper_T_camera=matrix_of(values.atPose3(GRIPPER_T_CAMERA)),
+        base_T_world=matrix_of(values.atPose3(BASE_T_WORLD)),
+        log_scale=float(values.atDouble(LOG_SCALE)),
+        opencv_params=params,
+    )

@@ -11,6 +11,11 @@ from handeye_fg import frames
 from handeye_fg.errors import ConvergenceError, ReconstructionError
 from handeye_fg.graph import IntrinsicsPrior, refine, start_state
 from handeye_fg.graph import measurements as m
+from handeye_fg.graph import noise as noise_module
+from handeye_fg.graph.mismatches import without_mismatches
+from handeye_fg.graph.noise import cost, estimate_noise, relative_change
+from handeye_fg.graph.problem import Problem, make_problem
+from handeye_fg.graph.refine import _stepped as stepped
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA, to_values
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
@@ -92,14 +97,14 @@ def test_nothing_reported_depends_on_the_gauge():
     np.testing.assert_allclose(base.base_T_camera, camera.base_T_camera, atol=1e-7)
 
 
-def test_covariance_agrees_with_the_dense_information_matrix():
+def test_covariance_agrees_with_the_dense_information_matrix(reprojection_graph):
     """Independent of the elimination: the whole Jacobian by GTSAM, inverted at once."""
     scene = simulate_scene(np.random.default_rng(2), n_images=5, n_points=30)
     result = fit(scene)
     state, noise = result.state, result.noise
     graph = m.joined(
         [
-            m.reprojection_graph(
+            reprojection_graph(
                 result.tracks,
                 np.full(len(result.tracks.pixels), noise.pixel),
                 state.opencv_params,
@@ -193,7 +198,7 @@ def test_a_start_that_is_not_finite():
 
 
 def test_the_limit_of_iterations_is_reported():
-    scene = simulate_scene(np.random.default_rng(9), n_images=6, n_points=40)
+    scene = simulate_scene(np.random.default_rng(9), n_images=6, n_points=40, start_sigma=0.02)
     assert not fit(scene, iterations=1).converged
 
 
@@ -208,3 +213,99 @@ def test_one_axis_leaves_the_height_free():
     offset = result.state.gripper_T_camera[:3, 3] - scene.gripper_T_camera[:3, 3]
     assert np.linalg.norm(offset - free.vector * (free.vector @ offset)) < 2e-3
     assert np.linalg.matrix_rank(result.observability.covariance, tol=1e-12) == 5
+
+
+def test_gtsams_own_optimiser_stays_at_the_optimum(reprojection_graph):
+    """Independent of the elimination and of the steps: every measurement as a factor."""
+    scene = simulate_scene(np.random.default_rng(11), n_images=8, n_points=60)
+    result = fit(scene)
+    state, noise = result.state, result.noise
+    sigmas = np.full(len(result.tracks.pixels), noise.pixel)
+    graph = m.joined(
+        [
+            reprojection_graph(result.tracks, sigmas, state.opencv_params, with_intrinsics=False),
+            m.robot_graph(
+                scene.robot_poses.base_T_gripper,
+                m.pose_sigmas(noise.robot_rotation, noise.robot_translation),
+            ),
+            m.gauge_graph(state, "base"),
+        ]
+    )
+    params = gtsam.LevenbergMarquardtParams()
+    params.setRelativeErrorTol(1e-12)
+    params.setAbsoluteErrorTol(1e-12)
+    values = to_values(state, with_intrinsics=False)
+    X = (
+        gtsam.LevenbergMarquardtOptimizer(graph, values, params)
+        .optimize()
+        .atPose3(GRIPPER_T_CAMERA)
+    )
+    moved = frames.log(frames.inverse(state.gripper_T_camera) @ X.matrix())
+    std = np.sqrt(np.diag(result.observability.covariance))
+    assert np.abs(moved / std).max() < 1e-3
+
+
+def test_a_start_that_is_far_off_is_reached():
+    scene = simulate_scene(np.random.default_rng(12), n_images=8, n_points=100)
+    linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
+    off = frames.exp(np.array([0.0, 0.0, 0.0, 0.09, -0.06, 0.12]))
+    far = fit(scene, gripper_T_camera=linear.gripper_T_camera @ off)
+    assert far.converged
+    X = fit(scene).state.gripper_T_camera
+    np.testing.assert_allclose(
+        frames.log(frames.inverse(X) @ far.state.gripper_T_camera), 0.0, atol=1e-7
+    )
+
+
+@pytest.fixture
+def linearised():
+    """A problem, its start, and its solution there."""
+    scene = simulate_scene(np.random.default_rng(13), n_images=6, n_points=60)
+    reported = scene.robot_poses.base_T_gripper
+    linear = linear_start(reported, scene.model.world_T_camera)
+    state = start_state(scene.model, scene.camera.params, linear)
+    tracks = scene.model.tracks
+    kept = without_mismatches(state, tracks, np.ones(len(tracks.pixels)))
+    problem = make_problem(kept, reported, "base", None, None, ())
+    start = problem.linearised(kept.state)
+    return problem, kept.state, start, estimate_noise(start, scene.noise, NoiseOptions())
+
+
+def test_a_step_that_is_too_long_is_shortened(linearised):
+    problem, state, start, solution = linearised
+    levels = solution.noise
+    before, at_best = problem.cost(state, levels), cost(start, levels)
+    # With no step of the others, the points alone go where the linearised problem has them.
+    points_moved = problem.moved(state, start, np.zeros(start.layout.dim))
+    assert problem.cost(points_moved, levels) == pytest.approx(at_best, rel=0.01)
+    expected = at_best - solution.decrease
+    _, found = stepped(problem, state, start, solution, expected, 0.0)
+    assert found == pytest.approx(expected, rel=0.2)
+    # The cost of a step three times as long is that of none.
+    long = replace(solution, step=3.0 * solution.step)
+    _, shortened = stepped(problem, state, start, long, expected, 0.0)
+    assert shortened < 0.5 * before
+
+
+def test_no_step_that_lowers_the_cost(linearised, monkeypatch):
+    problem, state, start, solution = linearised
+    monkeypatch.setattr(Problem, "cost", lambda *_: np.nan)
+    with pytest.raises(ConvergenceError, match="no step lowers its cost"):
+        stepped(problem, state, start, solution, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("factor", [1.0, 30.0])
+def test_noise_levels_reproduce_themselves_after_few_solutions(linearised, monkeypatch, factor):
+    _, _, start, expected = linearised
+    calls = []
+    counted = noise_module.solve
+    monkeypatch.setattr(noise_module, "solve", lambda *a: calls.append(1) or counted(*a))
+    levels = replace(
+        expected.noise,
+        pixel=factor * expected.noise.pixel,
+        robot_rotation=factor * expected.noise.robot_rotation,
+        robot_translation=expected.noise.robot_translation / factor,
+    )
+    found = estimate_noise(start, levels, NoiseOptions())
+    assert relative_change(found.noise, expected.noise) < 1e-4
+    assert len(calls) <= (2 if factor == 1.0 else 15)
