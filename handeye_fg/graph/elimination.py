@@ -26,7 +26,7 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.reduced import Layout, Quadratic
 from handeye_fg.graph.reprojection import derivatives, errors
-from handeye_fg.graph.variables import CALIBRATION_DIM, INTRINSICS, State
+from handeye_fg.graph.variables import CALIBRATION_DIM, INTRINSICS, LOG_SCALE, State
 from handeye_fg.types import Indices, Tracks
 
 # Observations in a batch: few, since each needs a kilobyte while the batch is at work, but no fewer than
@@ -60,7 +60,7 @@ class Batch:
 
 
 def _batch(tracks: Tracks, sigmas: Array, rows: Indices, n_images: int, points: slice) -> Batch:
-    """The observations ``rows``, all of them of ``points``; in the order of the points."""
+    """The observations ``rows``, which are those of ``points`` in their order."""
     image = tracks.image_index[rows].astype(np.int32)
     order = np.argsort(image, kind="stable").astype(np.int32)
     return Batch(
@@ -100,6 +100,7 @@ def batches(tracks: Tracks, sigmas: Array, n_images: int, n_known: int) -> tuple
 def corner_batch(tracks: Tracks, sigmas: Array, n_images: int, n_known: int) -> Batch:
     """The observations of the first ``n_known`` points, which are known."""
     rows = np.flatnonzero(tracks.point_index < n_known)
+    rows = rows[np.argsort(tracks.point_index[rows], kind="stable")]
     return _batch(tracks, sigmas, rows, n_images, slice(0, n_known))
 
 
@@ -291,7 +292,8 @@ def corners_quadratic(batch: Batch, state: State, layout: Layout) -> Quadratic:
     """The cost of the observations of known points, which stay among the unknowns."""
     whitened = _whitened(batch, state, layout)
     n_rows = 2 * len(batch.sigmas)
-    between = 13  # X, Z and the scale
+    # X, Z and the scale
+    between = layout.columns(LOG_SCALE)[0] + 1 - 6 * layout.n_cameras
     jacobian = sparse.hstack(
         [
             whitened.by_cameras.T,

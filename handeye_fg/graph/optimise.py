@@ -33,7 +33,6 @@ def optimise(
     *,
     max_iterations: int,
     progress: Progress,
-    done: int = 0,
 ) -> Optimum:
     """Minimise the graph's cost from ``start``.
 
@@ -43,7 +42,6 @@ def optimise(
         ordering: elimination ordering of all keys.
         max_iterations: stop after as many steps.
         progress: told the number of iterations.
-        done: iterations of earlier optimisations, for ``progress``.
 
     Raises:
         ConvergenceError: the cost is not finite after a step.
@@ -60,7 +58,7 @@ def optimise(
     while iterations < max_iterations and not converged:
         optimiser.iterate()
         iterations += 1
-        progress("iterations", done + iterations, None)
+        progress("iterations", iterations, None)
         new_cost = float(optimiser.error())
         if not np.isfinite(new_cost):
             raise ConvergenceError(

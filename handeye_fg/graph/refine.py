@@ -164,7 +164,8 @@ def _stepped(
         return moved, found
     for _ in range(_MOST_PARTS):
         # The parabola with the cost and the slope at the start, and the cost after the step.
-        lowest = gain * part**2 / (found - before + 2.0 * gain * part)
+        bend = max(found - before + 2.0 * gain * part, np.finfo(float).tiny)
+        lowest = gain * part**2 / bend
         part = float(np.clip(np.nan_to_num(lowest), 0.1 * part, 0.9 * part))
         shorter = problem.moved(state, linearised, solution.step, part)
         there = problem.cost(shorter, levels)
