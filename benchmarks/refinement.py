@@ -263,9 +263,12 @@ def main():
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        compare(options.sizes, options.runs, folder)
-        growth(options.growth, options.runs, folder)
-        growth(options.largest, 1, folder)
+        if options.sizes:
+            compare(options.sizes, options.runs, folder)
+        if options.growth:
+            growth(options.growth, options.runs, folder)
+        if options.largest:
+            growth(options.largest, 1, folder)
 
 
 if __name__ == "__main__":
