@@ -98,7 +98,11 @@ def free_lean(covariance: Array) -> Array:
 
 
 def feigned_information(
-    gripper_T_camera: Array, independent: int, pose_std: Array, sigmas: Array
+    gripper_T_camera: Array,
+    independent: int,
+    pose_std: Array,
+    sigmas: Array,
+    camera_from_grippers: Array | None = None,
 ) -> Array:
     """The information (7, 7) on (X, ln scale) that noisy poses add by their own apparent motion.
 
@@ -110,23 +114,32 @@ def feigned_information(
 
         E |dR_i v|^2 = 2 std_r^2 |v|^2,   E |dt_i|^2 = 3 std_t^2.
 
+    For a static camera, X = base_T_camera, the residual of base_T_gripper changes by ``dR_i' a`` and
+    ``dR_i' (b + (t_X - t_i) x a - (t_X - t_i) l) - dt_i x a + dt_i l``, t_i the position of the gripper:
+    the same with the camera as seen from the gripper in place of t_X, and one more term.
+
     The mean is enlarged by three of its standard deviations, that of a chi-square.
 
     Args:
-        gripper_T_camera: X (4, 4), metres.
+        gripper_T_camera: X (4, 4), metres; base_T_camera of a static camera.
         independent: number of independent motions: poses less one, for each group of them.
         pose_std: standard deviations (2,) of the poses with which the residuals were linearised,
             radians and metres.
         sigmas: those by which the residuals are weighted.
+        camera_from_grippers: of a static camera: t_X - t_i (n, 3); None: the camera is on the gripper.
     """
-    R_X, t_X = gripper_T_camera[:3, :3], gripper_T_camera[:3, 3]
-    turned, shifted = np.zeros((2, 3, 7))
+    R_X = gripper_T_camera[:3, :3]
+    turned, shifted = np.zeros((3, 7)), np.zeros((3, 7))
     turned[:, :3] = R_X
-    shifted[:, :3] = -np.cross(t_X, R_X.T).T
     shifted[:, 3:6] = -R_X
-    shifted[:, 6] = t_X
+    levers = gripper_T_camera[None, :3, 3] if camera_from_grippers is None else camera_from_grippers
     mean = 2.0 * (pose_std[0] / sigmas[0]) ** 2 * turned.T @ turned
-    mean += 2.0 * (pose_std[0] / sigmas[1]) ** 2 * shifted.T @ shifted
+    for lever in levers:
+        shifted[:, :3] = -np.cross(lever, R_X.T).T
+        shifted[:, 6] = lever
+        mean += 2.0 * (pose_std[0] / sigmas[1]) ** 2 * shifted.T @ shifted / len(levers)
+    if camera_from_grippers is not None:
+        mean += 2.0 * (pose_std[1] / sigmas[1]) ** 2 * turned.T @ turned
     mean[6, 6] += 3.0 * (pose_std[1] / sigmas[1]) ** 2
     margin = 1.0 + _FEIGNED_SIGMAS * np.sqrt(2.0 / (3.0 * independent))
     return np.asarray(independent * margin * mean)

@@ -129,3 +129,28 @@ def test_feigned_information_is_taken_off_weak_directions_only():
     assert scaled[0] == pytest.approx(1e-6, rel=1e-4)
     assert scaled[5] > 100.0
     assert analyse(covariance, X, "gripper").free_directions[0].kind == "translation"
+
+
+def test_what_noise_feigns_of_a_static_camera():
+    """Likewise, with the change of Log(base_T_gripper^-1 X S^-1 Z^-1) by X and the scale."""
+    rng = np.random.default_rng(0)
+    std, sigmas, n = np.array([1e-3, 2e-4]), np.array([2e-3, 5e-4]), 4000
+    direction = rng.uniform(-1.0, 1.0, 7)
+    a, b = X[:3, :3] @ direction[:3], X[:3, :3] @ direction[3:6]
+    base_T_gripper = frames.exp(rng.normal(size=(n, 6)))
+    noise = np.concatenate([std[0] * rng.standard_normal((n, 3)), np.zeros((n, 3))], axis=1)
+    noisy = base_T_gripper @ frames.exp(noise)
+    noisy[:, :3, 3] += std[1] * rng.standard_normal((n, 3))
+
+    def change(pose):
+        lever = X[:3, 3] - pose[:, :3, 3]
+        moved = b + np.cross(lever, a) - direction[6] * lever
+        turned = np.broadcast_to(a, moved.shape)
+        return np.einsum("nji,snj->sni", pose[:, :3, :3], np.stack([turned, moved]))
+
+    difference = change(noisy) - change(base_T_gripper)
+    drawn = np.sum((difference / sigmas[:, None, None]) ** 2)
+    lever = X[:3, 3] - base_T_gripper[:, :3, 3]
+    margin = 1.0 + 3.0 * np.sqrt(2.0 / (3.0 * n))
+    expected = direction @ feigned_information(X, n, std, sigmas, lever) @ direction / margin
+    assert drawn == pytest.approx(expected, rel=0.05)

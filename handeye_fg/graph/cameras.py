@@ -87,6 +87,11 @@ class _Call:
     frame: str
     known: KnownPoints | None
 
+    @property
+    def inverted(self) -> bool:
+        """Whether the robot poses are gripper_T_base."""
+        return self.options.setup == "eye-to-hand"
+
     def refine(
         self,
         model: SfmModel,
@@ -108,6 +113,7 @@ class _Call:
             frame=self.frame,
             known=self.known,
             known_x=self.options.priors,
+            inverted=self.inverted,
         )
 
 
@@ -172,7 +178,8 @@ def refine_views(
 
     Args:
         model: the SfM model; where no camera is given, its intrinsics are the start.
-        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of the model's images.
+        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of the model's images; for
+            eye-to-hand their inverses.
         camera: the given intrinsics, or None.
         linear: the linear start.
         options: of the calibration.
@@ -266,7 +273,9 @@ def _contradiction(
     """In words how the images contradict kept intrinsics, or None if they do not."""
     centre = kept.state.opencv_params
     prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
-    pull = intrinsics_pull(base_T_gripper, kept, prior, call.known, call.options.priors)
+    pull = intrinsics_pull(
+        base_T_gripper, kept, prior, call.known, call.options.priors, inverted=call.inverted
+    )
     if pull <= _OVERDISPERSION * special.chdtri(len(centre), _CONTRADICTION):
         return None
     return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"

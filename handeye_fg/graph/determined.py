@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution, degrees_of_freedom, solve
 from handeye_fg.graph.reduced import Layout, Linearised, predicted_covariance
@@ -60,6 +61,7 @@ def determined(state: State, linearised: Linearised, solution: Solution) -> Dete
         len(predicted) - 1,
         np.sqrt(variance),
         np.array([noise.robot_rotation, noise.robot_translation]),
+        _camera_from_grippers(state) if linearised.inverted else None,
     )
     smallest = np.finfo(float).eps * variances[-1]
     return Determined(
@@ -68,6 +70,15 @@ def determined(state: State, linearised: Linearised, solution: Solution) -> Dete
         degrees_of_freedom=freedom,
         inflation=inflation,
     )
+
+
+def _camera_from_grippers(state: State) -> Array:
+    """Where a static camera is from each gripper (n, 3), base axes, metres."""
+    metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
+    gripper_T_camera = state.base_T_world @ metric
+    base_T_camera = state.gripper_T_camera
+    R = base_T_camera[:3, :3] @ np.swapaxes(gripper_T_camera[:, :3, :3], 1, 2)
+    return np.asarray(np.einsum("nij,nj->ni", R, gripper_T_camera[:, :3, 3]))
 
 
 def spread(world_T_camera: Array) -> float:

@@ -38,13 +38,25 @@ def pose_sigmas(rotation: float, translation: float) -> Array:
 
 
 def robot_graph(
-    base_T_gripper: Array, sigmas: Array, trusted: NDArray[np.bool_] | None = None
+    base_T_gripper: Array,
+    sigmas: Array,
+    trusted: NDArray[np.bool_] | None = None,
+    *,
+    inverted: bool = False,
 ) -> gtsam.NonlinearFactorGraph:
     """Reported robot poses (n, 4, 4) as measurements with the robot's noise, sigmas (6,).
 
-    ``trusted`` (n,) says which of them are used; None: all.
+    The noise is that of base_T_gripper in the gripper frame. Where the poses are gripper_T_base, with
+    the reported one M and the predicted one P, ``Log(M P^-1) = -Ad(M) Log(M^-1 P)`` exactly, so that the
+    same factor serves with its residual in other axes: those of base_T_gripper, with the sign
+    reversed. Its rotation error then acts on the translation with the whole reach of the arm as lever.
+
+    Args:
+        base_T_gripper: reported poses, metres.
+        sigmas: of base_T_gripper: radians and metres.
+        trusted: (n,) which of them are used; None: all.
+        inverted: the poses are gripper_T_base.
     """
-    model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     graph = gtsam.NonlinearFactorGraph()
     used = range(len(base_T_gripper)) if trusted is None else np.flatnonzero(trusted).tolist()
     for i in used:
@@ -54,11 +66,18 @@ def robot_graph(
                 GRIPPER_T_CAMERA,
                 BASE_T_WORLD,
                 LOG_SCALE,
-                gtsam.Pose3(base_T_gripper[i]),
-                model,
+                pose := gtsam.Pose3(base_T_gripper[i]),
+                _robot_noise(pose, sigmas, inverted=inverted),
             )
         )
     return graph
+
+
+def _robot_noise(pose: gtsam.Pose3, sigmas: Array, *, inverted: bool) -> gtsam.noiseModel.Gaussian:
+    """Noise of a robot factor's residual."""
+    if not inverted:
+        return gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    return gtsam.noiseModel.Gaussian.SqrtInformation(pose.AdjointMap() / sigmas[:, None])
 
 
 def gauge_graph(state: State, gauge: Gauge) -> gtsam.NonlinearFactorGraph:

@@ -55,6 +55,7 @@ class Problem:
     known_x: Sequence[Prior]
     pixel_unit_px: float
     layout: Layout
+    inverted: bool
     held: gtsam.NonlinearFactorGraph | None = None
 
     def linearised(self, state: State) -> Linearised:
@@ -72,12 +73,13 @@ class Problem:
         return Linearised(
             reprojections=eliminated.quadratic,
             corners=corners_quadratic(self.corners, state, self.layout),
-            robot=robot_rows(self._robot().linearize(values), self.layout),
+            robot=robot_rows(self._robot(np.ones(6)).linearize(values), self.layout),
             prior=summed(self._priors().linearize(values), self.layout),
             pixel_unit_px=self.pixel_unit_px,
             pixel_redundancy=2 * sum(len(part.sigmas) for part in self.scene) - 3 * n_unknown,
             corner_rows=2 * len(self.corners.sigmas),
             layout=self.layout,
+            inverted=self.inverted,
             point_steps=eliminated.point_steps,
             held=self.held_at(state),
         )
@@ -88,7 +90,7 @@ class Problem:
         images = squares(self.scene, state) / unit**2
         images += squares([self.corners], state) / (noise.corner or 1.0) ** 2
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
-        graphs = [m.robot_graph(self.base_T_gripper, sigmas, self.trusted), self._priors()]
+        graphs = [self._robot(sigmas), self._priors()]
         graphs += [] if self.held is None else [self.held]
         return 0.5 * images + float(m.joined(graphs).error(self._values(state)))
 
@@ -118,8 +120,8 @@ class Problem:
         layout = self.layout
         return to_values(state, with_intrinsics=layout.with_intrinsics, n_points=layout.n_known)
 
-    def _robot(self) -> gtsam.NonlinearFactorGraph:
-        return m.robot_graph(self.base_T_gripper, np.ones(6), self.trusted)
+    def _robot(self, sigmas: Array) -> gtsam.NonlinearFactorGraph:
+        return m.robot_graph(self.base_T_gripper, sigmas, self.trusted, inverted=self.inverted)
 
     def _priors(self) -> gtsam.NonlinearFactorGraph:
         graphs = [self.gauge, m.known_x_graph(self.known_x)]
@@ -138,6 +140,8 @@ def make_problem(
     known: KnownPoints | None,
     known_x: Sequence[Prior],
     trusted: NDArray[np.bool_] | None = None,
+    *,
+    inverted: bool = False,
 ) -> Problem:
     """The problem of the observations that were kept.
 
@@ -149,6 +153,7 @@ def make_problem(
         known: known points; None where there are none.
         known_x: what is known of X beforehand.
         trusted: (n,) which of the robot poses are used; None: all.
+        inverted: the robot poses are gripper_T_base.
     """
     state, tracks, with_intrinsics = kept.state, kept.tracks, intrinsics is not None
     n_known = 0 if known is None else len(known.points_world)
@@ -165,4 +170,5 @@ def make_problem(
         known_x=known_x,
         pixel_unit_px=kept.pixel,
         layout=Layout(n_cameras=n_cameras, with_intrinsics=with_intrinsics, n_known=n_known),
+        inverted=inverted,
     )

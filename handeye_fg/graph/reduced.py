@@ -103,6 +103,7 @@ class Linearised:
         pixel_redundancy: observed pixel coordinates of unknown points less point coordinates.
         corner_rows: observed pixel coordinates of known points.
         layout: of the shared unknowns.
+        inverted: the robot poses are gripper_T_base; their residuals are those of base_T_gripper.
         point_steps: steps (p, 3) of the eliminated points that belong to a step (d,) of the shared
             unknowns.
         held: what keeps free directions of X where they are; None: nothing.
@@ -116,6 +117,7 @@ class Linearised:
     pixel_redundancy: int
     corner_rows: int
     layout: Layout
+    inverted: bool
     point_steps: Callable[[Array], Array]
     held: Quadratic | None = None
 

@@ -61,9 +61,8 @@ def _require_finite(start: State) -> None:
         )
 
 
-def _first_noise(kept: Kept, base_T_gripper: Array, *, with_corners: bool) -> NoiseLevels:
-    """Levels from the residuals at the start."""
-    residuals = robot_residuals(kept.state, base_T_gripper)
+def _first_noise(kept: Kept, residuals: Array, *, with_corners: bool) -> NoiseLevels:
+    """Levels from the robot residuals (n, 6) at the start."""
     rms = np.sqrt(np.mean(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
     return NoiseLevels(
         pixel=kept.pixel,
@@ -185,6 +184,8 @@ def intrinsics_pull(
     prior: IntrinsicsPrior,
     known: KnownPoints | None = None,
     known_x: Sequence[Prior] = (),
+    *,
+    inverted: bool = False,
 ) -> float:
     """How far the images would move intrinsics that were kept: a chi-square of 8.
 
@@ -197,6 +198,7 @@ def intrinsics_pull(
         prior: of the intrinsics, wide.
         known: known points, as in the refinement.
         known_x: what is known of X beforehand, likewise.
+        inverted: the robot poses are gripper_T_base.
     """
     observed = Kept(
         state=kept.state,
@@ -205,7 +207,16 @@ def intrinsics_pull(
         pixel=kept.noise.pixel,
         corner=kept.noise.corner or 1.0,
     )
-    problem = make_problem(observed, base_T_gripper, "base", prior, known, known_x, ~kept.outliers)
+    problem = make_problem(
+        observed,
+        base_T_gripper,
+        "base",
+        prior,
+        known,
+        known_x,
+        ~kept.outliers,
+        inverted=inverted,
+    )
     solution = estimate_noise(problem.linearised(kept.state), kept.noise, NoiseOptions())
     columns = np.delete(problem.layout.columns(INTRINSICS), 2)  # without the skew
     step = solution.step[columns]
@@ -230,6 +241,7 @@ def refine(
     known: KnownPoints | None = None,
     known_x: Sequence[Prior] = (),
     frame: str = "gripper",
+    inverted: bool = False,
 ) -> Refinement:
     """Refine everything together and estimate the noise levels with it.
 
@@ -246,6 +258,7 @@ def refine(
         known: positions of the first points, which hold the world instead; None: there are none.
         known_x: what is known of X beforehand.
         frame: parent frame of X, for messages.
+        inverted: the robot poses are gripper_T_base; noise and residuals are those of base_T_gripper.
 
     Raises:
         ReconstructionError: too few observations are left.
@@ -255,14 +268,19 @@ def refine(
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
     n_known = 0 if known is None else len(known.points_world)
     kept = without_mismatches(start, model.tracks, scales, n_known)
-    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
-    levels = _first_noise(kept, base_T_gripper, with_corners=known is not None)
+    problem = make_problem(
+        kept, base_T_gripper, gauge, intrinsics, known, known_x, inverted=inverted
+    )
+    residuals = robot_residuals(kept.state, base_T_gripper, inverted=inverted)
+    levels = _first_noise(kept, residuals, with_corners=known is not None)
     limit = options.max_iterations
     fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress)
 
     # Mismatches that hid behind a wrong start show now.
     kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
-    problem = make_problem(kept, base_T_gripper, gauge, intrinsics, known, known_x)
+    problem = make_problem(
+        kept, base_T_gripper, gauge, intrinsics, known, known_x, inverted=inverted
+    )
     levels, iterations = fit.solution.noise, fit.iterations
     del fit  # large, and the next one takes as much again
     fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, iterations)
@@ -281,7 +299,7 @@ def refine(
         fit.state,
         fit.linearised,
         fit.solution,
-        robot_residuals(fit.state, base_T_gripper),
+        robot_residuals(fit.state, base_T_gripper, inverted=inverted),
         problem.trusted,
         iterations=iterations,
         converged=fit.converged,

@@ -65,10 +65,15 @@ class Refinement:
     converged: bool
 
 
-def robot_residuals(state: State, base_T_gripper: Array) -> Array:
-    """Reported robot poses (n, 4, 4) against those of the state: (n, 6), radians and metres."""
+def robot_residuals(state: State, base_T_gripper: Array, *, inverted: bool = False) -> Array:
+    """Reported robot poses (n, 4, 4) against those of the state: (n, 6), radians and metres.
+
+    Where they are ``inverted``, gripper_T_base, the residuals are those of base_T_gripper all the same.
+    """
     metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
     gripper = state.base_T_world @ metric @ frames.inverse(state.gripper_T_camera)
+    if inverted:
+        return frames.log(base_T_gripper @ frames.inverse(gripper))
     return frames.log(frames.inverse(base_T_gripper) @ gripper)
 
 

@@ -8,7 +8,7 @@ from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
-from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate import disturbed, simulate_scene
 from handeye_fg.solvers import linear_start
 
 RUNS = 100
@@ -20,9 +20,10 @@ def spread(cameras):
     return np.sqrt(np.var(cameras[:, :3, 3], axis=0).sum())
 
 
-def draw(seed):
+def draw(seed, *, inverted):
+    rng = np.random.default_rng(seed)
     scene = simulate_scene(
-        np.random.default_rng(seed),
+        rng,
         n_images=N_IMAGES,
         n_points=60,
         robot_rotation_sigma=ROTATION,
@@ -30,6 +31,11 @@ def draw(seed):
         start_sigma=1e-4,
     )
     reported = scene.robot_poses.base_T_gripper
+    if (
+        inverted
+    ):  # the scene's robot poses are those of a base in a gripper, a static camera's X is in it
+        true = frames.inverse(scene.base_T_gripper)
+        reported = frames.inverse(disturbed(rng, true, ROTATION, TRANSLATION))
     linear = linear_start(reported, scene.model.world_T_camera)
     result = refine(
         scene.model,
@@ -39,6 +45,7 @@ def draw(seed):
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,
+        inverted=inverted,
     )
     X = result.state.gripper_T_camera
     error = frames.log(frames.inverse(X) @ scene.gripper_T_camera)
@@ -60,8 +67,9 @@ def draw(seed):
 
 @pytest.mark.slow
 @pytest.mark.simulation
-def test_covariance_noise_levels_and_scale_are_consistent():
-    draws = [draw(seed) for seed in range(RUNS)]
+@pytest.mark.parametrize("inverted", [False, True], ids=["eye-in-hand", "eye-to-hand"])
+def test_covariance_noise_levels_and_scale_are_consistent(inverted):
+    draws = [draw(seed, inverted=inverted) for seed in range(RUNS)]
     # Sum of NEES: chi-square of 6 degrees of freedom a run. The estimated sigmas, with about 40
     # degrees of freedom each, spread it by 2 / 40 more.
     nees = np.sum([d["nees"] for d in draws])
