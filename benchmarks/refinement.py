@@ -65,7 +65,7 @@ def ours(scene):
     from handeye_fg.graph.variables import State  # noqa: PLC0415
     from handeye_fg.options import GraphOptions, NoiseOptions  # noqa: PLC0415
     from handeye_fg.progress import silent  # noqa: PLC0415
-    from handeye_fg.types import CameraModel, SfmModel, Tracks  # noqa: PLC0415
+    from handeye_fg.types import CameraModel, Rig, SfmModel, Tracks  # noqa: PLC0415
 
     module = sys.modules["handeye_fg.graph.refine"]
     summarise, covariance = module.summarise, []
@@ -91,10 +91,11 @@ def ours(scene):
     start = State(
         world_T_camera=model.world_T_camera,
         points_world=model.tracks.points_world,
-        gripper_T_camera=scene["X"],
+        gripper_T_cameras=scene["X"][None],
         base_T_world=scene["Z"],
         log_scale=float(scene["log_scale"]),
-        opencv_params=model.camera.params,
+        opencv_params=model.camera.params[None],
+        rig=Rig.of_one_camera(n),
     )
     begin = time.perf_counter()
     result = refine(

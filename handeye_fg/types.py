@@ -101,6 +101,32 @@ class Tracks:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """Which camera of an arm took an image, and at which robot pose.
+
+    Attributes:
+        n_cameras: number of cameras.
+        camera: index (n,) of the camera, for each image.
+        pose: index (n,) of the robot pose; images of several cameras may share one.
+    """
+
+    n_cameras: int
+    camera: Indices
+    pose: Indices
+
+    def __post_init__(self) -> None:
+        for name in ("camera", "pose"):
+            object.__setattr__(
+                self, name, frozen_indices(getattr(self, name), len(self.camera), name)
+            )
+
+    @staticmethod
+    def of_one_camera(n_images: int) -> "Rig":
+        """One camera, each image at a robot pose of its own."""
+        return Rig(n_cameras=1, camera=np.zeros(n_images, dtype=np.int64), pose=np.arange(n_images))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SfmModel:
     """A reconstruction up to a similarity: the registered images only.
 
@@ -160,6 +186,8 @@ class LinearStart:
         metres_per_world_unit: the scale, positive.
         residual_rotation, residual_translation: root mean square over the motion pairs of the
             angle (radians) and the length (metres) of A X against X B.
+        first_T_cameras: where there are several cameras, the pose of each in the first (k, 4, 4),
+            metres.
     """
 
     method: str
@@ -168,11 +196,16 @@ class LinearStart:
     metres_per_world_unit: float
     residual_rotation: float
     residual_translation: float
+    first_T_cameras: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in ("gripper_T_camera", "base_T_world"):
+        for name, shape in (
+            ("gripper_T_camera", (4, 4)),
+            ("base_T_world", (4, 4)),
+            ("first_T_cameras", (None, 4, 4)),
+        ):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen_array(getattr(self, name), (4, 4), name))
+                object.__setattr__(self, name, frozen_array(getattr(self, name), shape, name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -71,9 +71,9 @@ def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
     fx, fy = camera.params[:2]
     width = float(camera.width)
     return IntrinsicsPrior(
-        params=camera.params,
+        params=camera.params[None],
         sigmas=np.array(
-            [focal * fx, focal * fy] + [centre * width] * 2 + [radial] * 2 + [tangential] * 2
+            [[focal * fx, focal * fy] + [centre * width] * 2 + [radial] * 2 + [tangential] * 2]
         ),
     )
 
@@ -140,9 +140,9 @@ def _refined(
     refinement = call.refine(model, base_T_gripper, start, intrinsics=prior)
     return View(
         refinement=refinement,
-        camera=replace(centre, params=refinement.state.opencv_params),
+        camera=replace(centre, params=refinement.state.opencv_params[0]),
         refined=True,
-        std=np.sqrt(np.diag(refinement.intrinsics_covariance)),
+        std=np.sqrt(np.diag(refinement.intrinsics_covariance[0])),
         note=note,
     )
 
@@ -271,9 +271,9 @@ def _contradiction(
     base_T_gripper: Array, camera: CameraModel, kept: Refinement, call: _Call
 ) -> str | None:
     """In words how the images contradict kept intrinsics, or None if they do not."""
-    centre = kept.state.opencv_params
+    centre = kept.state.opencv_params[0]
     prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
-    pull = intrinsics_pull(
+    (pull,) = intrinsics_pull(
         base_T_gripper, kept, prior, call.known, call.options.priors, inverted=call.inverted
     )
     if pull <= _OVERDISPERSION * special.chdtri(len(centre), _CONTRADICTION):

@@ -26,7 +26,7 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.reduced import Layout, Quadratic
 from handeye_fg.graph.reprojection import derivatives, errors
-from handeye_fg.graph.variables import CALIBRATION_DIM, INTRINSICS, LOG_SCALE, State
+from handeye_fg.graph.variables import CALIBRATION_DIM, State
 from handeye_fg.types import Indices, Tracks
 
 # Observations in a batch: few, since each needs a kilobyte while the batch is at work, but no fewer than
@@ -146,15 +146,10 @@ class Eliminated:
 
     def point_steps(self, step: Array) -> Array:
         """Steps (p, 3) of the eliminated points that belong to a step (d,) of the shared unknowns."""
-        cameras = step[: 6 * self.layout.n_cameras]
-        others = np.append(-step[_intrinsics(self.layout)], 1.0)
+        cameras = step[: 6 * self.layout.n_poses]
+        others = np.append(-step[self.layout.intrinsics_columns], 1.0)
         steps = [batch.point_steps(cameras, others) for batch in self.back]
         return np.concatenate([np.zeros((0, 3)), *steps])
-
-
-def _intrinsics(layout: Layout) -> Indices:
-    """Columns of the intrinsics; none where they are fixed."""
-    return layout.columns(INTRINSICS) if layout.with_intrinsics else np.arange(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,12 +170,15 @@ def _whitened(batch: Batch, state: State, layout: Layout) -> _Whitened:
         with_intrinsics=layout.with_intrinsics,
     )
     weight = 1.0 / batch.sigmas
-    m, n = len(weight), layout.n_cameras
+    m, n = len(weight), layout.n_poses
     by_pose = (found.by_pose * weight[:, None, None])[batch.camera_order]
     others = -(found.errors * weight[:, None]).reshape(-1, 1)
     if found.by_calibration is not None:
         by_calibration = found.by_calibration * weight[:, None, None]
-        others = np.hstack([by_calibration.reshape(2 * m, CALIBRATION_DIM), others])
+        camera = state.rig.camera[batch.image]
+        by_cameras = np.zeros((m, 2, layout.n_cameras, CALIBRATION_DIM))
+        by_cameras[np.arange(m), :, camera] = by_calibration
+        others = np.hstack([by_cameras.reshape(2 * m, len(layout.intrinsics_columns)), others])
     return _Whitened(
         by_cameras=sparse.bsr_array(
             (by_pose.transpose(0, 2, 1).copy(), batch.camera_order, batch.camera_start),
@@ -246,12 +244,12 @@ def eliminate(parts: Sequence[Batch], state: State, layout: Layout) -> Eliminate
     Args:
         parts: the observations.
         state: where to linearise.
-        layout: of the shared unknowns.
+        layout: of the shared unknowns, with a pose for each image.
 
     Raises:
         ConvergenceError: a point is not determined by its observations.
     """
-    n, intrinsics = 6 * layout.n_cameras, _intrinsics(layout)
+    n, intrinsics = 6 * layout.n_poses, layout.intrinsics_columns
     hessian, cameras_others = np.zeros((layout.dim, layout.dim)), np.zeros((n, len(intrinsics) + 1))
     others = np.zeros((len(intrinsics) + 1, len(intrinsics) + 1))
     back = []
@@ -293,7 +291,7 @@ def corners_quadratic(batch: Batch, state: State, layout: Layout) -> Quadratic:
     whitened = _whitened(batch, state, layout)
     n_rows = 2 * len(batch.sigmas)
     # X, Z and the scale
-    between = layout.columns(LOG_SCALE)[0] + 1 - 6 * layout.n_cameras
+    between = layout.first_intrinsics - 6 * layout.n_poses
     jacobian = sparse.hstack(
         [
             whitened.by_cameras.T,

@@ -12,12 +12,13 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.variables import (
     BASE_T_WORLD,
     GRIPPER_T_CAMERA,
-    INTRINSICS,
     LOG_SCALE,
     State,
     calibration,
     camera_key,
+    intrinsics_key,
     point_key,
+    x_key,
 )
 from handeye_fg.observability import LIMITS
 from handeye_fg.options import Prior
@@ -125,26 +126,28 @@ def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
     """Keep X finite where the motion leaves it free, without weight where it is determined."""
     graph = gtsam.NonlinearFactorGraph()
     model = gtsam.noiseModel.Isotropic.Sigma(6, _WIDE)
-    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera), model)
+    for k, gripper_T_camera in enumerate(state.gripper_T_cameras):
+        graph.addPriorPose3(x_key(k), gtsam.Pose3(gripper_T_camera), model)
     return graph
 
 
-def held_graph(gripper_T_camera: Array, free: Array) -> gtsam.NonlinearFactorGraph:
-    """Keep X where it is along its free directions, and let it go along the others.
+def held_graph(gripper_T_camera: Array, free: Array, camera: int = 0) -> gtsam.NonlinearFactorGraph:
+    """Keep X of a camera where it is along its free directions, and let it go along the others.
 
     Args:
         gripper_T_camera: X (4, 4), metres.
         free: orthonormal columns (6, k), in units of ``LIMITS``.
+        camera: index of the camera.
     """
     graph = gtsam.NonlinearFactorGraph()
     root = free @ free.T / LIMITS[:6] / _HELD
     model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
-    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(gripper_T_camera), model)
+    graph.addPriorPose3(x_key(camera), gtsam.Pose3(gripper_T_camera), model)
     return graph
 
 
 def known_x_graph(priors: Sequence[Prior], unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
-    """What is known of X beforehand; ``unit`` is a factor of all standard deviations.
+    """What is known of the first camera's X beforehand; ``unit`` is a factor of all standard deviations.
 
     GTSAM's prior of a translation has three rows; the two across the axis get no weight.
     """
@@ -159,10 +162,12 @@ def known_x_graph(priors: Sequence[Prior], unit: float = 1.0) -> gtsam.Nonlinear
 
 
 def intrinsics_graph(opencv_params: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
-    """Prior on the intrinsics (8,) with standard deviations (8,); the skew stays zero."""
+    """Prior on each camera's intrinsics (k, 8), standard deviations (k, 8); the skew stays zero."""
     graph = gtsam.NonlinearFactorGraph()
-    model = gtsam.noiseModel.Diagonal.Sigmas(np.insert(sigmas, 2, _SKEW_SIGMA))
-    graph.push_back(gtsam.PriorFactorCal3DS2(INTRINSICS, calibration(opencv_params), model))
+    for k, (params, stds) in enumerate(zip(opencv_params, sigmas, strict=True)):
+        model = gtsam.noiseModel.Diagonal.Sigmas(np.insert(stds, 2, _SKEW_SIGMA))
+        factor = gtsam.PriorFactorCal3DS2(intrinsics_key(k), calibration(params), model)
+        graph.push_back(factor)
     return graph
 
 

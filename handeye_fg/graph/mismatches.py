@@ -7,6 +7,7 @@ import numpy as np
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.graph.reprojection import reprojection_errors
+from handeye_fg.graph.rig import image_poses
 from handeye_fg.graph.variables import State
 from handeye_fg.types import Tracks
 
@@ -42,7 +43,7 @@ def _parallax(state: State, tracks: Tracks, kept: Array) -> Array:
     Zero for a point that is seen once or never.
     """
     points = tracks.point_index[kept]
-    lines = state.points_world[points] - state.world_T_camera[tracks.image_index[kept], :3, 3]
+    lines = state.points_world[points] - image_poses(state)[tracks.image_index[kept], :3, 3]
     lines /= np.linalg.norm(lines, axis=1, keepdims=True)
     n_points = len(state.points_world)
     total = np.stack([np.bincount(points, axis, n_points) for axis in lines.T], axis=1)
@@ -80,7 +81,7 @@ def without_mismatches(state: State, tracks: Tracks, sigma_scale: Array, n_known
         point_index=point_index[n_known:],
         pixels=tracks.pixels[kept],
     )
-    n_images = len(state.world_T_camera)
+    n_images = len(state.rig.pose)
     if 2 * len(left.pixels) < 3 * (len(points) - n_known) + 6 * n_images:
         raise ReconstructionError(
             f"only {len(left.pixels)} observations of {len(points)} points are left in {n_images} "

@@ -274,7 +274,7 @@ def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
     """
     if not solution.noise.estimated:
         return float("inf")
-    noise, columns = solution.noise, problem.layout.x_columns
+    noise, columns = solution.noise, problem.layout.x_columns()
     to_x = solution.covariance[columns]
 
     def contribution(hessian: Array, sigma: float) -> Array:

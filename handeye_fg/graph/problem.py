@@ -1,6 +1,6 @@
 """The graph of one choice of observations, and its linearised form; entry point ``make_problem``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -19,7 +19,8 @@ from handeye_fg.graph.elimination import (
 )
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.reduced import Layout, Linearised, Quadratic, robot_rows, summed
-from handeye_fg.graph.variables import State, moved, shared_keys, to_values
+from handeye_fg.graph.rig import carried, is_plain, to_images
+from handeye_fg.graph.variables import State, moved, to_values
 from handeye_fg.options import Prior
 from handeye_fg.types import KnownPoints, NoiseLevels
 
@@ -29,8 +30,8 @@ class IntrinsicsPrior:
     """Intrinsics as unknowns with a prior.
 
     Attributes:
-        params: OPENCV parameters (8,), centre of the prior.
-        sigmas: standard deviations (8,).
+        params: OPENCV parameters of each camera (k, 8), centre of the prior.
+        sigmas: standard deviations (k, 8).
     """
 
     params: Array
@@ -68,11 +69,22 @@ class Problem:
             ConvergenceError: a point is not determined by its observations.
         """
         values = self._values(state)
-        eliminated = eliminate(self.scene, state, self.layout)
+        images = replace(self.layout, n_poses=len(state.rig.pose))
+        eliminated = eliminate(self.scene, state, images)
+        reprojections = eliminated.quadratic
+        corners = corners_quadratic(self.corners, state, images)
+        point_steps = eliminated.point_steps
+        if not is_plain(state.rig):
+            to = to_images(state, self.layout)
+            reprojections, corners = carried(reprojections, to), carried(corners, to)
+
+            def point_steps(step: Array) -> Array:
+                return eliminated.point_steps(to @ step)
+
         n_unknown = len(state.points_world) - self.layout.n_known
         return Linearised(
-            reprojections=eliminated.quadratic,
-            corners=corners_quadratic(self.corners, state, self.layout),
+            reprojections=reprojections,
+            corners=corners,
             robot=robot_rows(self._robot(np.ones(6)).linearize(values), self.layout),
             prior=summed(self._priors().linearize(values), self.layout),
             pixel_unit_px=self.pixel_unit_px,
@@ -80,7 +92,7 @@ class Problem:
             corner_rows=2 * len(self.corners.sigmas),
             layout=self.layout,
             inverted=self.inverted,
-            point_steps=eliminated.point_steps,
+            point_steps=point_steps,
             held=self.held_at(state),
         )
 
@@ -94,10 +106,10 @@ class Problem:
         graphs += [] if self.held is None else [self.held]
         return 0.5 * images + float(m.joined(graphs).error(self._values(state)))
 
-    def holding(self, gripper_T_camera: Array, free: Array) -> "Problem":
-        """The problem with X held along free directions, columns (6, k) in units of the limits."""
-        held = m.held_graph(gripper_T_camera, free) if free.size else None
-        return replace(self, held=held)
+    def holding(self, gripper_T_cameras: Array, free: Mapping[int, Array]) -> "Problem":
+        """The problem with X of cameras held along free directions, columns (6, d) in units of the limits."""
+        held = [m.held_graph(gripper_T_cameras[k], basis, k) for k, basis in free.items()]
+        return replace(self, held=m.joined(held) if held else None)
 
     def held_at(self, state: State) -> Quadratic | None:
         """What holds X, around a state; None: nothing does."""
@@ -109,9 +121,7 @@ class Problem:
         """The state after a part of a step (d,) of the shared unknowns and of the points with it."""
         layout = self.layout
         steps = gtsam.VectorValues()
-        for key in shared_keys(
-            layout.n_cameras, with_intrinsics=layout.with_intrinsics, n_known=layout.n_known
-        ):
+        for key in layout.keys:
             steps.insert(key, part * step[layout.columns(key)])
         return moved(state, steps, part * linearised.point_steps(step))
 
@@ -155,13 +165,13 @@ def make_problem(
         trusted: (n,) which of the robot poses are used; None: all.
         inverted: the robot poses are gripper_T_base.
     """
-    state, tracks, with_intrinsics = kept.state, kept.tracks, intrinsics is not None
+    state, tracks = kept.state, kept.tracks
     n_known = 0 if known is None else len(known.points_world)
-    n_cameras = len(state.world_T_camera)
+    n_images = len(state.rig.pose)
     held = m.wide_prior_graph(state)
     return Problem(
-        scene=batches(tracks, kept.pixel * kept.sigma_scale, n_cameras, n_known),
-        corners=corner_batch(tracks, kept.sigma_scale, n_cameras, n_known),
+        scene=batches(tracks, kept.pixel * kept.sigma_scale, n_images, n_known),
+        corners=corner_batch(tracks, kept.sigma_scale, n_images, n_known),
         gauge=m.joined([m.gauge_graph(state, gauge), held]) if known is None else held,
         base_T_gripper=base_T_gripper,
         trusted=np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted,
@@ -169,6 +179,11 @@ def make_problem(
         known=known,
         known_x=known_x,
         pixel_unit_px=kept.pixel,
-        layout=Layout(n_cameras=n_cameras, with_intrinsics=with_intrinsics, n_known=n_known),
+        layout=Layout(
+            n_poses=len(state.world_T_camera),
+            n_cameras=len(state.gripper_T_cameras),
+            with_intrinsics=intrinsics is not None,
+            n_known=n_known,
+        ),
         inverted=inverted,
     )

@@ -1,7 +1,7 @@
 """The linearised problem with the points eliminated: small, dense, and all that statistics need.
 
-The shared unknowns are the camera poses, X, Z, the logarithm of the scale, where refined the
-intrinsics, and the known points, whose prior makes them different from the others. Image observations
+The shared unknowns are the camera poses, X of each camera, Z, the logarithm of the scale, where refined
+the intrinsics of each camera, and the known points, whose prior makes them different from the others. Image observations
 enter as one quadratic form, their points eliminated, robot poses as Jacobian rows, so that solutions
 and covariances for other noise levels need no new elimination.
 """
@@ -16,16 +16,24 @@ from numpy.typing import NDArray
 from handeye_fg.frames import Array
 from handeye_fg.graph.variables import (
     CALIBRATION_DIM,
-    GRIPPER_T_CAMERA,
     shared_keys,
+    x_key,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Where each shared unknown stands in the vector of shared unknowns."""
+    """Where each shared unknown stands in the vector of shared unknowns.
 
-    n_cameras: int
+    Attributes:
+        n_poses: number of camera poses.
+        n_cameras: number of cameras.
+        with_intrinsics: whether their intrinsics are unknowns.
+        n_known: number of known points.
+    """
+
+    n_poses: int
+    n_cameras: int = 1
     with_intrinsics: bool
     n_known: int = 0
 
@@ -35,26 +43,50 @@ class Layout:
         return self._first_point + 3 * self.n_known
 
     @property
+    def _after_x(self) -> int:
+        return 6 * (self.n_poses + self.n_cameras)
+
+    @property
+    def first_intrinsics(self) -> int:
+        """Where the intrinsics start."""
+        return self._after_x + 7
+
+    @property
     def _first_point(self) -> int:
-        return 6 * self.n_cameras + 13 + (CALIBRATION_DIM if self.with_intrinsics else 0)
+        return self.first_intrinsics + len(self.intrinsics_columns)
+
+    @property
+    def keys(self) -> list[int]:
+        """Keys of the shared unknowns, in their order."""
+        return shared_keys(
+            self.n_poses,
+            n_cameras=self.n_cameras,
+            with_intrinsics=self.with_intrinsics,
+            n_known=self.n_known,
+        )
 
     def columns(self, key: int) -> NDArray[np.int64]:
         """Indices of an unknown's tangent, in GTSAM's order."""
-        index, after_cameras = gtsam.symbolIndex(key), 6 * self.n_cameras
+        index = gtsam.symbolIndex(key)
         first, size = {
             "c": (6 * index, 6),
-            "x": (after_cameras, 6),
-            "z": (after_cameras + 6, 6),
-            "l": (after_cameras + 12, 1),
-            "k": (after_cameras + 13, CALIBRATION_DIM),
+            "x": (6 * (self.n_poses + index), 6),
+            "z": (self._after_x, 6),
+            "l": (self._after_x + 6, 1),
+            "k": (self.first_intrinsics + CALIBRATION_DIM * index, CALIBRATION_DIM),
             "p": (self._first_point + 3 * index, 3),
         }[chr(gtsam.symbolChr(key))]
         return np.arange(first, first + size)
 
+    def x_columns(self, camera: int = 0) -> NDArray[np.int64]:
+        """Indices of the tangent of a camera's X."""
+        return self.columns(x_key(camera))
+
     @property
-    def x_columns(self) -> NDArray[np.int64]:
-        """Indices of X's tangent."""
-        return self.columns(GRIPPER_T_CAMERA)
+    def intrinsics_columns(self) -> NDArray[np.int64]:
+        """Indices of the intrinsics of all cameras; none where they are fixed."""
+        n = CALIBRATION_DIM * self.n_cameras if self.with_intrinsics else 0
+        return np.arange(self.first_intrinsics, self.first_intrinsics + n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,13 +157,7 @@ class Linearised:
 def summed(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:
     """Factors on the shared unknowns, summed up."""
     seen = set(linear.keyVector())
-    keys = [
-        key
-        for key in shared_keys(
-            layout.n_cameras, with_intrinsics=layout.with_intrinsics, n_known=layout.n_known
-        )
-        if key in seen
-    ]
+    keys = [key for key in layout.keys if key in seen]
     hessian, gradient = np.zeros((layout.dim, layout.dim)), np.zeros(layout.dim)
     if not keys:
         return Quadratic(hessian=hessian, gradient=gradient, constant=0.0)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
@@ -14,13 +15,14 @@ from handeye_fg.graph.noise import Solution, cost, estimate_noise
 from handeye_fg.graph.outliers import disagreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
+from handeye_fg.graph.rig import first_camera_poses, is_plain, leaders
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
-from handeye_fg.graph.variables import INTRINSICS, State
+from handeye_fg.graph.variables import State, intrinsics_key
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
-from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, SfmModel
+from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, Rig, SfmModel
 
 # The first fit only tells which observations are mismatches: errors that are right to a part of 5e-4 do.
 _FIRST_TOLERANCE = 1e-3
@@ -33,27 +35,38 @@ _GOOD = 0.25  # part of a step's expected decrease that may be missing
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
 
-def start_state(model: SfmModel, opencv_params: Array, linear: LinearStart) -> State:
+def start_state(
+    model: SfmModel, opencv_params: Array, linear: LinearStart, rig: Rig | None = None
+) -> State:
     """The SfM model and the linear start as first values.
+
+    Args:
+        model: the SfM model.
+        opencv_params: of each camera (k, 8), or those of the only one (8,).
+        linear: the linear start.
+        rig: which camera took an image of the model, and where; None: one camera.
 
     Raises:
         ValueError: the linear start is of motions, without base_T_world.
     """
     if linear.base_T_world is None:
         raise ValueError(f"{linear.base_T_world=} but expected a pose")
-    return State(
+    others = np.eye(4)[None] if linear.first_T_cameras is None else linear.first_T_cameras
+    state = State(
         world_T_camera=model.world_T_camera,
         points_world=model.tracks.points_world,
-        gripper_T_camera=linear.gripper_T_camera,
+        gripper_T_cameras=linear.gripper_T_camera @ others,
         base_T_world=linear.base_T_world,
         log_scale=float(np.log(linear.metres_per_world_unit)),
-        opencv_params=opencv_params,
+        opencv_params=np.atleast_2d(opencv_params),
+        rig=rig or Rig.of_one_camera(len(model.names)),
     )
+    return state if is_plain(state.rig) else first_camera_poses(state, model.world_T_camera)
 
 
 def _require_finite(start: State) -> None:
     """Refuse values that GTSAM would return unchanged and in silence."""
-    values = (getattr(start, field.name) for field in fields(start))
+    values = (getattr(start, field.name) for field in fields(start) if field.name != "rig")
     if not all(np.isfinite(value).all() for value in values):
         raise ConvergenceError(
             "the joint refinement cannot start: the reconstruction or the linear start has values "
@@ -103,8 +116,7 @@ def _fitted(
     while True:
         bare = replace(linearised, held=None)
         solution = estimate_noise(bare, levels, noise)
-        free = free_basis(determined(state, bare, solution).joint[:6, :6])
-        problem = problem.holding(start.gripper_T_camera, free)
+        problem = problem.holding(start.gripper_T_cameras, _free(state, bare, solution))
         linearised = replace(bare, held=problem.held_at(state))
         if linearised.held is not None:
             solution = estimate_noise(linearised, solution.noise, noise)
@@ -129,6 +141,17 @@ def _fitted(
             iterations=iterations,
             converged=converged,
         )
+
+
+def _free(state: State, linearised: Linearised, solution: Solution) -> dict[int, Array]:
+    """Free directions (6, d), in units of the limits, of the cameras that have any.
+
+    A camera that shares robot poses with one before it is tied to that by the images: to hold both
+    would hold the one against the other.
+    """
+    joints = determined(state, linearised, solution).joints
+    bases = {k: free_basis(joints[k, :6, :6]) for k in leaders(state.rig)}
+    return {k: basis for k, basis in bases.items() if basis.size}
 
 
 def _stepped(
@@ -186,8 +209,8 @@ def intrinsics_pull(
     known_x: Sequence[Prior] = (),
     *,
     inverted: bool = False,
-) -> float:
-    """How far the images would move intrinsics that were kept: a chi-square of 8.
+) -> Array:
+    """How far the images would move each camera's intrinsics that were kept: chi-squares (k,) of 8.
 
     It is the score test: one linear step from the optimum with the intrinsics as unknowns, against
     the covariance of that step.
@@ -218,7 +241,16 @@ def intrinsics_pull(
         inverted=inverted,
     )
     solution = estimate_noise(problem.linearised(kept.state), kept.noise, NoiseOptions())
-    columns = np.delete(problem.layout.columns(INTRINSICS), 2)  # without the skew
+    return np.array(
+        [
+            _pull(solution, np.delete(problem.layout.columns(intrinsics_key(k)), 2))
+            for k in range(problem.layout.n_cameras)
+        ]
+    )
+
+
+def _pull(solution: Solution, columns: NDArray[np.int64]) -> float:
+    """The square of a step against its covariance, in scaled units."""
     step = solution.step[columns]
     covariance = solution.covariance[np.ix_(columns, columns)]
     scale = np.sqrt(np.diag(covariance))
@@ -247,7 +279,7 @@ def refine(
 
     Args:
         model: tracks, and the SfM poses that define the world's unit.
-        base_T_gripper: reported robot poses (n, 4, 4), metres, one for each image of the model.
+        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of ``start.rig``.
         start: first values; its ``opencv_params`` describe the view in which the tracks are.
         intrinsics: prior of the intrinsics, None to keep them fixed.
         sigma_scale: relative standard deviation (m,) of each observation; None: all the same.

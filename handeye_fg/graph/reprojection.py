@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg.frames import Array
+from handeye_fg.graph.rig import image_poses
 from handeye_fg.graph.variables import CALIBRATION_DIM, State
 from handeye_fg.types import Tracks
 
@@ -49,14 +50,14 @@ class Derivatives:
 def reprojection_errors(state: State, tracks: Tracks) -> Array:
     """Predicted minus observed pixels (m, 2); NaN for a point behind its camera."""
     rays = _rays(state, tracks.image_index, tracks.point_index)
-    found = _errors(state, rays, tracks.pixels)
+    found = _errors(_params(state, tracks.image_index), rays, tracks.pixels)
     found[rays.behind] = np.nan
     return found
 
 
 def errors(state: State, image: Index, point: Index, pixels: Array) -> Array:
     """Errors (m, 2) as they count; the arguments are those of ``derivatives``."""
-    return _errors(state, _rays(state, image, point), pixels)
+    return _errors(_params(state, image), _rays(state, image, point), pixels)
 
 
 def derivatives(
@@ -73,7 +74,8 @@ def derivatives(
     """
     rays = _rays(state, image, point)
     x, y, depth = rays.x, rays.y, rays.depth
-    fx, fy, _, _, k1, k2, p1, p2 = state.opencv_params
+    params = _params(state, image)
+    fx, fy, _, _, k1, k2, p1, p2 = params
     m, r2, xy = len(x), x * x + y * y, x * y
     radial, slope = 1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * r2 * k2)
     mixed = slope * xy + 2.0 * (p1 * x + p2 * y)
@@ -90,22 +92,22 @@ def derivatives(
     ray_by_pose[:, 0, 5], ray_by_pose[:, 1, 5] = x / depth, y / depth
     by_pose = by_ray @ ray_by_pose
     # A point that moves is a camera that moves the other way.
-    by_point = -by_pose[:, :, 3:] @ np.swapaxes(state.world_T_camera[:, :3, :3], 1, 2)[image]
+    by_point = -by_pose[:, :, 3:] @ np.swapaxes(rays.rotations, 1, 2)[image]
     by_calibration = None
     if with_intrinsics:
         u, v = _distorted(x, y, k1, k2, p1, p2)
         by_calibration = np.zeros((m, 2, CALIBRATION_DIM))
         by_calibration[:, 0, 0], by_calibration[:, 1, 1], by_calibration[:, 0, 2] = u, v, v
         by_calibration[:, 0, 3] = by_calibration[:, 1, 4] = 1.0
-        by_calibration[:, 0, 5:] = fx * np.stack(
-            [x * r2, x * r2 * r2, 2.0 * xy, r2 + 2.0 * x * x], axis=1
-        )
-        by_calibration[:, 1, 5:] = fy * np.stack(
-            [y * r2, y * r2 * r2, r2 + 2.0 * y * y, 2.0 * xy], axis=1
-        )
+        by_calibration[:, 0, 5:] = (
+            fx * np.stack([x * r2, x * r2 * r2, 2.0 * xy, r2 + 2.0 * x * x])
+        ).T
+        by_calibration[:, 1, 5:] = (
+            fy * np.stack([y * r2, y * r2 * r2, r2 + 2.0 * y * y, 2.0 * xy])
+        ).T
         by_calibration[rays.behind] = 0.0
     return Derivatives(
-        errors=_errors(state, rays, pixels),
+        errors=_errors(params, rays, pixels),
         by_pose=by_pose,
         by_point=by_point,
         by_calibration=by_calibration,
@@ -114,33 +116,50 @@ def derivatives(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Rays:
-    """Where the camera sees the points (m,): x, y, depth, and whether behind it; then depth is 1."""
+    """Where the camera sees the points (m,): x, y, depth, and whether behind it; then depth is 1.
+
+    ``rotations`` are those of the images, world_T_camera (n, 3, 3).
+    """
 
     x: Array
     y: Array
     depth: Array
     behind: NDArray[np.bool_]
+    rotations: Array
+
+
+def _params(state: State, image: Index) -> Array:
+    """Parameters by row (8, m) of the cameras that took images (m,); of one camera (8,)."""
+    if len(state.opencv_params) == 1:
+        return np.asarray(state.opencv_params[0])
+    return np.asarray(state.opencv_params[state.rig.camera[image]].T)
 
 
 def _rays(state: State, image: Index, point: Index) -> _Rays:
-    offset = state.points_world[point] - state.world_T_camera[image, :3, 3]
-    q = (offset[:, None, :] @ state.world_T_camera[:, :3, :3][image])[:, 0]
+    poses = image_poses(state)
+    offset = state.points_world[point] - poses[image, :3, 3]
+    q = (offset[:, None, :] @ poses[:, :3, :3][image])[:, 0]
     behind = ~(q[:, 2] > 0.0)
     depth = np.where(behind, 1.0, q[:, 2])
-    return _Rays(x=q[:, 0] / depth, y=q[:, 1] / depth, depth=depth, behind=behind)
+    return _Rays(
+        x=q[:, 0] / depth,
+        y=q[:, 1] / depth,
+        depth=depth,
+        behind=behind,
+        rotations=poses[:, :3, :3],
+    )
 
 
-def _errors(state: State, rays: _Rays, pixels: Array) -> Array:
+def _errors(params: Array, rays: _Rays, pixels: Array) -> Array:
     """Errors (m, 2)."""
-    fx, fy, cx, cy, *distortion = state.opencv_params
+    fx, fy, cx, cy, *distortion = params
     u, v = _distorted(rays.x, rays.y, *distortion)
     found = np.stack([fx * u + cx, fy * v + cy], axis=1) - pixels
-    found[rays.behind] = _BEHIND * fx
-    return found
+    return np.where(rays.behind[:, None], np.reshape(_BEHIND * fx, (-1, 1)), found)
 
 
 def _distorted(
-    x: Array, y: Array, k1: float, k2: float, p1: float, p2: float
+    x: Array, y: Array, k1: Array, k2: Array, p1: Array, p2: Array
 ) -> tuple[Array, Array]:
     """Distorted image coordinates (m,), before focal length and centre."""
     r2, xy = x * x + y * y, x * y

@@ -10,9 +10,10 @@ from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import determined, spread
 from handeye_fg.graph.noise import Solution
-from handeye_fg.graph.reduced import Linearised
+from handeye_fg.graph.reduced import Layout, Linearised
 from handeye_fg.graph.reprojection import reprojection_errors
-from handeye_fg.graph.variables import INTRINSICS, LOG_SCALE, State
+from handeye_fg.graph.rig import adjoint, image_poses
+from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
 from handeye_fg.observability import Observability, analyse
 from handeye_fg.types import KnownPoints, NoiseLevels, SfmModel, Tracks
 
@@ -21,25 +22,27 @@ _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refinement:
-    """The optimum and its statistics; images in the order of the SfM model.
+    """The optimum and its statistics; images in the order of the SfM model, robot poses in the rig's.
 
     Attributes:
         state: refined values.
         tracks: the observations that were used; ``points_world`` as they were before.
         sigma_scale: their relative standard deviations (m,).
-        observability: covariance of X, and what is free.
+        observabilities: for each camera the covariance of X, and what is free.
+        first_T_cameras: each camera in the first (k, 4, 4), metres.
+        first_T_camera_covariances: (k, 6, 6), of a right perturbation; zeros for the first.
         metres_per_world_unit, metres_per_world_unit_std: the refined cameras' root mean square
             distance from their centre in metres, over the same in the SfM model.
         log_scale_std: standard deviation of ``state.log_scale``, the noise levels taken as known.
-        base_T_camera: refined camera poses (n, 4, 4), metres.
+        base_T_camera: refined camera poses of the images (n, 4, 4), metres.
         base_T_world: the SfM model's world in the base, metres.
-        intrinsics_covariance: (8, 8) of ``state.opencv_params``; zeros where fixed.
+        intrinsics_covariance: (k, 8, 8) of ``state.opencv_params``; zeros where fixed.
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
         degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
             where the noise levels are known.
-        residuals: (n, 6) reported robot pose against the refined one, radians and metres.
-        outliers: (n,) robot poses that disagree with the rest beyond its noise; they were left out.
+        residuals: (r, 6) reported robot pose against the refined one, radians and metres.
+        outliers: (r,) robot poses that disagree with the rest beyond its noise; they were left out.
         reprojection_rms: (n,) pixels.
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
@@ -48,7 +51,9 @@ class Refinement:
     state: State
     tracks: Tracks
     sigma_scale: Array
-    observability: Observability
+    observabilities: tuple[Observability, ...]
+    first_T_cameras: Array
+    first_T_camera_covariances: Array
     metres_per_world_unit: float
     metres_per_world_unit_std: float
     log_scale_std: float
@@ -63,6 +68,11 @@ class Refinement:
     reprojection_rms: Array
     iterations: int
     converged: bool
+
+    @property
+    def observability(self) -> Observability:
+        """That of the first camera."""
+        return self.observabilities[0]
 
 
 def robot_residuals(state: State, base_T_gripper: Array, *, inverted: bool = False) -> Array:
@@ -134,32 +144,38 @@ def summarise(
         state: the optimum.
         linearised: the problem there.
         solution: noise levels and covariance there.
-        residuals: (n, 6) of all robot poses there.
-        trusted: (n,) which robot poses were used.
+        residuals: (r, 6) of all robot poses there.
+        trusted: (r,) which robot poses were used.
         iterations: steps of the optimiser.
         converged: whether it converged.
         frame: parent frame of X.
     """
-    layout = linearised.layout
-    n = len(state.world_T_camera)
+    layout, poses = linearised.layout, image_poses(state)
     scale = float(np.exp(state.log_scale))
-    base_T_camera = state.base_T_world @ frames.scaled(state.world_T_camera, scale)
-    metres_per_unit = scale * spread(state.world_T_camera) / spread(model.world_T_camera)
+    base_T_camera = state.base_T_world @ frames.scaled(poses, scale)
+    metres_per_unit = scale * spread(poses) / spread(model.world_T_camera)
 
     found = determined(state, linearised, solution)
-    observability = analyse(found.joint, state.gripper_T_camera, frame)
+    observabilities = tuple(
+        analyse(joint, X, frame)
+        for joint, X in zip(found.joints, state.gripper_T_cameras, strict=True)
+    )
     covariance = found.inflation * found.solution.covariance
-    intrinsics_covariance = np.zeros((8, 8))
+    first_T_cameras = frames.inverse(state.gripper_T_camera) @ state.gripper_T_cameras
+    intrinsics_covariance = np.zeros((layout.n_cameras, 8, 8))
     if layout.with_intrinsics:
-        columns = np.delete(layout.columns(INTRINSICS), 2)  # without the skew
-        intrinsics_covariance = covariance[np.ix_(columns, columns)]
+        for k in range(layout.n_cameras):
+            columns = np.delete(layout.columns(intrinsics_key(k)), 2)  # without the skew
+            intrinsics_covariance[k] = covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
         tracks=tracks,
         sigma_scale=sigma_scale,
-        observability=observability,
+        observabilities=observabilities,
+        first_T_cameras=first_T_cameras,
+        first_T_camera_covariances=_relative_covariances(first_T_cameras, layout, covariance),
         metres_per_world_unit=metres_per_unit,
-        metres_per_world_unit_std=metres_per_unit * observability.log_scale_std,
+        metres_per_world_unit_std=metres_per_unit * observabilities[0].log_scale_std,
         log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
         base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
@@ -169,7 +185,18 @@ def summarise(
         degrees_of_freedom=found.degrees_of_freedom,
         residuals=residuals,
         outliers=~trusted,
-        reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, n),
+        reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, len(poses)),
         iterations=iterations,
         converged=converged,
     )
+
+
+def _relative_covariances(first_T_cameras: Array, layout: Layout, covariance: Array) -> Array:
+    """Covariances (k, 6, 6) of the cameras' poses in the first, from that of the shared unknowns."""
+    result = np.zeros((layout.n_cameras, 6, 6))
+    for k in range(1, layout.n_cameras):
+        to = np.zeros((6, layout.dim))
+        to[:, layout.x_columns(k)] = np.eye(6)
+        to[:, layout.x_columns()] = -adjoint(frames.inverse(first_T_cameras[k]))
+        result[k] = to @ covariance @ to.T
+    return result

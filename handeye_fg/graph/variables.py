@@ -1,8 +1,9 @@
 """The unknowns of the factor graph: their keys, their order, and values in and out of GTSAM.
 
-Unknowns: camera poses c_i = world_T_camera, points p_j (world units), X = gripper_T_camera,
-Z = base_T_world, l = ln(metres_per_world_unit), and the intrinsics K where they are refined. The first
-points may be known ones, corners of a target.
+Unknowns: poses c_i = world_T_camera of the first camera, one at each robot pose, points p_j (world
+units), X_k = gripper_T_camera of each camera, Z = base_T_world, l = ln(metres_per_world_unit), and the
+intrinsics K_k of each camera where they are refined. The first points may be known ones, corners of a
+target.
 """
 
 from dataclasses import dataclass
@@ -13,15 +14,17 @@ from gtsam.symbol_shorthand import C, K, L, P, X, Z
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
+from handeye_fg.types import Rig
 
-GRIPPER_T_CAMERA = X(0)
+GRIPPER_T_CAMERA = X(0)  # of the first camera
 BASE_T_WORLD = Z(0)
 LOG_SCALE = L(0)
-INTRINSICS = K(0)
 CALIBRATION_DIM = 9  # tangent size of Cal3DS2: fx, fy, skew, cx, cy, k1, k2, p1, p2
 
 camera_key = C
 point_key = P
+x_key = X
+intrinsics_key = K
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,19 +32,28 @@ class State:
     """Values of all unknowns.
 
     Attributes:
-        world_T_camera: (n, 4, 4), translations in world units.
+        world_T_camera: the first camera at each robot pose (n, 4, 4), whether it took an image there
+            or not; translations in world units.
         points_world: (p, 3), world units.
-        gripper_T_camera, base_T_world: X and Z, (4, 4), metres.
+        gripper_T_cameras: X of each camera (k, 4, 4), metres.
+        base_T_world: Z (4, 4), metres.
         log_scale: ln(metres_per_world_unit).
-        opencv_params: (8,): fx, fy, cx, cy, k1, k2, p1, p2.
+        opencv_params: (k, 8), for each camera fx, fy, cx, cy, k1, k2, p1, p2.
+        rig: which camera took an image, and at which robot pose.
     """
 
     world_T_camera: Array
     points_world: Array
-    gripper_T_camera: Array
+    gripper_T_cameras: Array
     base_T_world: Array
     log_scale: float
     opencv_params: Array
+    rig: Rig
+
+    @property
+    def gripper_T_camera(self) -> Array:
+        """X of the first camera (4, 4), metres."""
+        return np.asarray(self.gripper_T_cameras[0])
 
 
 def calibration(opencv_params: Array) -> gtsam.Cal3DS2:
@@ -57,11 +69,13 @@ def to_values(state: State, *, with_intrinsics: bool, n_points: int | None = Non
         values.insert(camera_key(i), gtsam.Pose3(matrix))
     for j, point in enumerate(state.points_world[:n_points]):
         values.insert(point_key(j), point)
-    values.insert(GRIPPER_T_CAMERA, gtsam.Pose3(state.gripper_T_camera))
+    for k, matrix in enumerate(state.gripper_T_cameras):
+        values.insert(x_key(k), gtsam.Pose3(matrix))
     values.insert(BASE_T_WORLD, gtsam.Pose3(state.base_T_world))
     values.insert(LOG_SCALE, float(state.log_scale))
     if with_intrinsics:
-        values.insert(INTRINSICS, calibration(state.opencv_params))
+        for k, params in enumerate(state.opencv_params):
+            values.insert(intrinsics_key(k), calibration(params))
     return values
 
 
@@ -70,11 +84,14 @@ def matrix_of(pose: gtsam.Pose3) -> Array:
     return frames.pose(frames.orthonormalised(pose.rotation().matrix()), pose.translation())
 
 
-def shared_keys(n_cameras: int, *, with_intrinsics: bool, n_known: int = 0) -> list[int]:
-    """All keys but the unknown points', in the order of the reduced system: cameras, X, Z, l, K, known."""
-    keys = [camera_key(i) for i in range(n_cameras)]
-    keys += [GRIPPER_T_CAMERA, BASE_T_WORLD, LOG_SCALE]
-    keys += [INTRINSICS] if with_intrinsics else []
+def shared_keys(
+    n_poses: int, *, n_cameras: int = 1, with_intrinsics: bool, n_known: int = 0
+) -> list[int]:
+    """All keys but the unknown points', in the order of the reduced system: c, X, Z, l, K, known."""
+    keys = [camera_key(i) for i in range(n_poses)]
+    keys += [x_key(k) for k in range(n_cameras)]
+    keys += [BASE_T_WORLD, LOG_SCALE]
+    keys += [intrinsics_key(k) for k in range(n_cameras)] if with_intrinsics else []
     return [*keys, *(point_key(j) for j in range(n_known))]
 
 
@@ -87,21 +104,24 @@ def moved(state: State, steps: gtsam.VectorValues, point_steps: Array) -> State:
             unknown points; the intrinsics stay without skew.
         point_steps: of the last points (p, 3), which are the unknown ones.
     """
-    with_intrinsics = steps.exists(INTRINSICS)
+    n_cameras = len(state.gripper_T_cameras)
+    with_intrinsics = steps.exists(intrinsics_key(0))
     n_known = len(state.points_world) - len(point_steps)
     values = to_values(state, with_intrinsics=with_intrinsics, n_points=n_known).retract(steps)
     params = state.opencv_params
     if with_intrinsics:
-        params = np.delete(np.asarray(values.atCal3DS2(INTRINSICS).vector()), 2)
-    cameras = [matrix_of(values.atPose3(camera_key(i))) for i in range(len(state.world_T_camera))]
+        models = [values.atCal3DS2(intrinsics_key(k)) for k in range(n_cameras)]
+        params = np.delete(np.array([model.vector() for model in models]), 2, axis=1)
+    poses = [matrix_of(values.atPose3(camera_key(i))) for i in range(len(state.world_T_camera))]
     known = [values.atPoint3(point_key(j)) for j in range(n_known)]
     return State(
-        world_T_camera=np.array(cameras),
+        world_T_camera=np.array(poses),
         points_world=np.concatenate(
             [np.reshape(known, (-1, 3)), state.points_world[n_known:] + point_steps]
         ),
-        gripper_T_camera=matrix_of(values.atPose3(GRIPPER_T_CAMERA)),
+        gripper_T_cameras=np.array([matrix_of(values.atPose3(x_key(k))) for k in range(n_cameras)]),
         base_T_world=matrix_of(values.atPose3(BASE_T_WORLD)),
         log_scale=float(values.atDouble(LOG_SCALE)),
         opencv_params=params,
+        rig=state.rig,
     )

@@ -3,12 +3,12 @@
 import gtsam
 import pytest
 
-from handeye_fg.graph.variables import INTRINSICS, calibration, camera_key, point_key
+from handeye_fg.graph.variables import calibration, camera_key, intrinsics_key, point_key
 
 
 def graph_of(tracks, sigmas, opencv_params, *, with_intrinsics):
     graph = gtsam.NonlinearFactorGraph()
-    fixed = calibration(opencv_params)
+    fixed = calibration(opencv_params[0])
     observations = zip(
         tracks.image_index.tolist(), tracks.point_index.tolist(), tracks.pixels, sigmas, strict=True
     )
@@ -19,7 +19,7 @@ def graph_of(tracks, sigmas, opencv_params, *, with_intrinsics):
             point_key(j),
         )
         graph.push_back(
-            gtsam.GeneralSFMFactor2Cal3DS2(pixel, noise, camera, point, INTRINSICS)
+            gtsam.GeneralSFMFactor2Cal3DS2(pixel, noise, camera, point, intrinsics_key(0))
             if with_intrinsics
             else gtsam.GenericProjectionFactorCal3DS2(pixel, noise, camera, point, fixed)
         )

@@ -169,9 +169,11 @@ def test_intrinsics_are_refined_with_honest_deviations():
     truth = scene.camera.params
     sigmas = np.array([20.0, 20.0, 15.0, 15.0, 0.1, 0.1, 0.01, 0.01])
     start = truth + np.array([8.0, 9.0, -6.0, 5.0, 0.02, -0.02, 1e-3, -1e-3])
-    result = fit(scene, params=start, intrinsics=IntrinsicsPrior(params=start, sigmas=sigmas))
-    e = result.state.opencv_params - truth
-    assert e @ np.linalg.solve(result.intrinsics_covariance, e) < stats.chi2.isf(1e-3, 8)
+    result = fit(
+        scene, params=start, intrinsics=IntrinsicsPrior(params=start[None], sigmas=sigmas[None])
+    )
+    e = result.state.opencv_params[0] - truth
+    assert e @ np.linalg.solve(result.intrinsics_covariance[0], e) < stats.chi2.isf(1e-3, 8)
     assert nees(result, scene) < stats.chi2.isf(1e-3, 6)
     fixed = fit(scene)
     grown = np.diag(result.observability.covariance) - np.diag(fixed.observability.covariance)
@@ -249,7 +251,7 @@ def test_a_start_that_is_far_off_is_reached():
     scene = simulate_scene(np.random.default_rng(12), n_images=8, n_points=100)
     linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
     off = frames.exp(np.array([0.0, 0.0, 0.0, 0.09, -0.06, 0.12]))
-    far = fit(scene, gripper_T_camera=linear.gripper_T_camera @ off)
+    far = fit(scene, gripper_T_cameras=linear.gripper_T_camera[None] @ off)
     assert far.converged
     X = fit(scene).state.gripper_T_camera
     np.testing.assert_allclose(

@@ -10,6 +10,7 @@ from handeye_fg import frames
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph.summary import robot_residuals
 from handeye_fg.graph.variables import State, to_values
+from handeye_fg.types import Rig
 
 SIGMAS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
 
@@ -21,10 +22,11 @@ def test_the_residual_is_that_of_the_pose_as_reported(camera, base_T_camera, gri
     state = State(
         world_T_camera=frames.exp(camera)[None],
         points_world=np.zeros((0, 3)),
-        gripper_T_camera=frames.exp(base_T_camera),
+        gripper_T_cameras=frames.exp(base_T_camera)[None],
         base_T_world=frames.exp(gripper_T_world),
         log_scale=0.4,
-        opencv_params=np.zeros(8),
+        opencv_params=np.zeros((1, 8)),
+        rig=Rig.of_one_camera(1),
     )
     metric = frames.scaled(state.world_T_camera[0], np.exp(0.4))
     base_T_gripper = state.gripper_T_camera @ frames.inverse(state.base_T_world @ metric)
