@@ -188,6 +188,7 @@ class LinearStart:
             angle (radians) and the length (metres) of A X against X B.
         first_T_cameras: where there are several cameras, the pose of each in the first (k, 4, 4),
             metres.
+        trusted: (n,) which of the given rows agree with each other and were solved; None: all.
     """
 
     method: str
@@ -197,6 +198,7 @@ class LinearStart:
     residual_rotation: float
     residual_translation: float
     first_T_cameras: Array | None = None
+    trusted: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -206,6 +208,10 @@ class LinearStart:
         ):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_array(getattr(self, name), shape, name))
+        if self.trusted is not None:
+            trusted = np.array(self.trusted, dtype=np.bool_)
+            trusted.setflags(write=False)
+            object.__setattr__(self, "trusted", trusted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

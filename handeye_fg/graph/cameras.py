@@ -8,6 +8,7 @@ camera matrix; to refine such intrinsics, the graph takes the OPENCV model neare
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg.errors import InputDataError
@@ -86,6 +87,7 @@ class _Call:
     progress: Progress
     frame: str
     known: KnownPoints | None
+    trusted: NDArray[np.bool_] | None
 
     @property
     def inverted(self) -> bool:
@@ -114,6 +116,7 @@ class _Call:
             known=self.known,
             known_x=self.options.priors,
             inverted=self.inverted,
+            trusted=self.trusted,
         )
 
 
@@ -191,7 +194,9 @@ def refine_views(
         InputDataError: the options ask to refine a camera model that cannot be refined.
         ReconstructionError, ConvergenceError: as ``refine``.
     """
-    call = _Call(options=options, progress=progress, frame=frame, known=known)
+    call = _Call(
+        options=options, progress=progress, frame=frame, known=known, trusted=linear.trusted
+    )
     if known is None:
         return _with_intrinsics(model, base_T_gripper, camera, linear, call)
     # The robot is asked first: imposed, a wrong size makes the robot look noisy, which hides it.

@@ -1,97 +1,108 @@
-"""Robot poses that disagree with the others: found one by one and left out (data snooping)."""
-
-from dataclasses import replace
+"""Robot poses that disagree with the others: which poses belong together; entry ``agreeing``."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg.frames import Array
+from handeye_fg.graph.deletion import deletions
 from handeye_fg.graph.noise import Solution, estimate_noise
-from handeye_fg.graph.reduced import Linearised, predicted_covariance
+from handeye_fg.graph.reduced import Linearised
 from handeye_fg.options import NoiseOptions
 
+Poses = NDArray[np.bool_]
+
 _FALSE_ALARM = 1e-3  # probability that any pose of a good set is left out
-_MOST = 0.3  # part of the poses; beyond it there is no majority to trust
+_MOST = 0.4  # part of the poses; beyond it there is no majority to trust
+# Lengths of three standard normal components: the median, and what one in 200 exceeds.
+_MEDIAN = float(np.sqrt(special.chdtri(3, 0.5)))
+_TYPICAL = float(np.sqrt(special.chdtri(3, 0.005)))
+_ROUNDS = 10  # of the search for a core; it settles in two or three
+# The quick test with the noise levels of all poses is that of the others to a few percent.
+_CLEAR = 0.5
 
 
-def disagreeing(
-    linearised: Linearised, solution: Solution, options: NoiseOptions
-) -> NDArray[np.bool_]:
-    """Which of the trusted poses (n,) are to be left out.
+def agreeing(
+    linearised: Linearised, solution: Solution, trusted: Poses, options: NoiseOptions
+) -> tuple[Poses, Solution]:
+    """Which of the poses (n,) agree, and the solution with these.
 
-    The pose with the most improbable residual is taken out of the linearised problem, the rest is
-    solved again, noise levels included, and the pose is compared with what the rest predicts for
-    it: since a bad pose inflates the noise levels and draws the solution to itself, it cannot be
-    judged by a solution that it is part of. If it fails, the next one is tried.
+    Several wrong poses inflate the noise levels and hide each other. First, therefore, a core is
+    found by the median of the residuals, which they do not move much. Then, one set after the other,
+    each pose is compared with what the other trusted ones predict for it, noise levels included: one
+    that agrees is taken in, the one that agrees least is left out if it fails, until nothing changes.
 
     Args:
-        linearised: the problem around its optimum.
-        solution: its solution with all trusted poses.
+        linearised: the problem around its optimum, with the trusted poses.
+        solution: its solution.
+        trusted: (n,) the poses that are used so far.
         options: the noise levels that the user knows.
     """
-    trusted = np.ones(len(linearised.robot.residual), dtype=bool)
-    allowed = int(_MOST * len(trusted))
+    trusted, solution = _core(linearised, solution, trusted, options)
     level = _FALSE_ALARM / len(trusted)
-    while np.count_nonzero(~trusted) < allowed:
-        squares = _squares(_residuals(linearised, solution), solution.robot_covariance)
-        worst = int(np.flatnonzero(trusted)[squares[trusted].argmax()])
+    allowed = int(_MOST * len(trusted))
+    for _ in range(2 * len(trusted)):  # in case two sets follow each other for ever
+        lengths = deletions(linearised, solution, trusted).lengths
+        fails = _fails(lengths, solution, level)
+        if (~trusted & ~fails).any():
+            trusted = trusted | ~fails
+            solution = estimate_noise(linearised.using(trusted), solution.noise, options)
+            continue
+        worst = _suspect(lengths, solution, trusted, level)
+        if worst is None or np.count_nonzero(~trusted) >= allowed:
+            break
         rest = trusted.copy()
         rest[worst] = False
-        without = estimate_noise(_only(linearised, rest), solution.noise, options)
-        if not _improbable(linearised, without, worst, level):
+        without = estimate_noise(linearised.using(rest), solution.noise, options)
+        if not _fails(deletions(linearised, without, rest).lengths, without, level)[worst]:
             break
-        trusted, solution = rest, _for_all(linearised, without)
-    return ~trusted
+        trusted, solution = rest, without
+    return trusted, solution
 
 
-def _only(linearised: Linearised, trusted: NDArray[np.bool_]) -> Linearised:
-    """The problem with some of the robot poses."""
-    return replace(linearised, robot=linearised.robot.only(trusted))
+def _core(
+    linearised: Linearised, solution: Solution, trusted: Poses, options: NoiseOptions
+) -> tuple[Poses, Solution]:
+    """Trusted poses whose residuals are typical of the majority of them."""
+    fewest = len(trusted) - int(_MOST * len(trusted))
+    for _ in range(_ROUNDS):
+        lengths = deletions(linearised, solution, trusted).lengths
+        typical = np.median(np.nan_to_num(lengths[trusted]), axis=0) / _MEDIAN
+        # Known levels are not to be doubted because the residuals are smaller than they promise.
+        unit = typical if solution.noise.estimated else np.maximum(typical, 1.0)
+        core = trusted & ~(lengths > _TYPICAL * unit).any(axis=1)
+        if np.array_equal(core, trusted) or np.count_nonzero(core) < fewest:
+            break
+        trusted = core
+        solution = estimate_noise(linearised.using(trusted), solution.noise, options)
+    return trusted, solution
 
 
-def _for_all(linearised: Linearised, solution: Solution) -> Solution:
-    """A solution of some poses, with the residual covariances of all poses under it."""
-    predicted = predicted_covariance(linearised.robot, solution.covariance)
-    return replace(solution, robot_covariance=_measured(solution) + predicted)
+def _limits(solution: Solution, level: float, redundancy: Array) -> Array:
+    """Squares (2,) of lengths that good poses exceed with half the probability ``level``."""
+    if solution.noise.estimated:
+        return np.asarray(3.0 * special.fdtri(3, np.maximum(redundancy, 1.0), 1.0 - level / 2.0))
+    return np.full(2, special.chdtri(3, level / 2.0))
 
 
-def _measured(solution: Solution) -> Array:
-    """Covariance (6, 6) of a reported pose."""
-    sigmas = [solution.noise.robot_rotation, solution.noise.robot_translation]
-    return np.diag(np.repeat(sigmas, 3) ** 2.0)
-
-
-def _residuals(linearised: Linearised, solution: Solution) -> Array:
-    """Residuals (n, 6) of all poses after the solution's step."""
-    robot = linearised.robot
-    steps = np.einsum("nij,nj->ni", robot.jacobian, solution.step[robot.columns])
-    return np.asarray(robot.residual + steps)
-
-
-def _squares(residuals: Array, covariance: Array) -> Array:
-    """Mahalanobis squares (n,), in scaled units."""
-    scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
-    shaped = covariance / (scale[:, :, None] * scale[:, None, :])
-    whitened = residuals / scale
-    weighted = np.einsum("nij,nj->ni", np.linalg.pinv(shaped, hermitian=True), whitened)
-    return np.asarray(np.sum(weighted * whitened, axis=1))
-
-
-def _improbable(linearised: Linearised, without: Solution, pose: int, level: float) -> bool:
-    """Whether a pose disagrees with a solution that it is not part of.
+def _fails(lengths: Array, solution: Solution, level: float) -> Poses:
+    """Which poses (n,) the solution, if they are not part of it, makes too improbable.
 
     Rotation and translation are tested each with the degrees of freedom of its sigma (F), or with
     chi-square where the user gave the sigmas.
     """
-    residual = _residuals(linearised, without)[pose]
-    covariance = _for_all(linearised, without).robot_covariance[pose]
-    for part, redundancy in zip((slice(0, 3), slice(3, 6)), without.redundancy[1:3], strict=True):
-        square = _squares(residual[None, part], covariance[None, part, part])[0] / 3.0
-        if without.noise.estimated:
-            limit = special.fdtri(3, max(redundancy, 1.0), 1.0 - level / 2.0)
-        else:
-            limit = special.chdtri(3, level / 2.0) / 3.0
-        if square > limit:
-            return True
-    return False
+    limits = _limits(solution, level, np.array(solution.redundancy[1:3]))
+    return np.asarray(~(lengths**2 <= limits).all(axis=1))
+
+
+def _suspect(lengths: Array, solution: Solution, trusted: Poses, level: float) -> int | None:
+    """The trusted pose that agrees least, if the noise levels without it may make it fail."""
+    redundancy = np.array(solution.redundancy[1:3])
+    squares = np.where(trusted[:, None], np.nan_to_num(lengths) ** 2, 0.0)
+    if solution.noise.estimated:
+        # What remains of the sums of squares, in units of the variances.
+        remaining = np.maximum(redundancy - squares, 1e-3 * np.maximum(redundancy, 1.0))
+        squares = squares * np.maximum(redundancy - 3.0, 1.0) / remaining
+    ratio = (squares / _limits(solution, level, redundancy - 3.0)).max(axis=1)
+    worst = int(ratio.argmax())
+    return worst if ratio[worst] > _CLEAR else None

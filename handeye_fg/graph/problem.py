@@ -81,11 +81,14 @@ class Problem:
             def point_steps(step: Array) -> Array:
                 return eliminated.point_steps(to @ step)
 
+        graph = m.robot_graph(self.base_T_gripper, np.ones(6), inverted=self.inverted)
+        reported = robot_rows(graph.linearize(values), self.layout)
         n_unknown = len(state.points_world) - self.layout.n_known
         return Linearised(
             reprojections=reprojections,
             corners=corners,
-            robot=robot_rows(self._robot(np.ones(6)).linearize(values), self.layout),
+            robot=reported.only(self.trusted),
+            reported=reported,
             prior=summed(self._priors().linearize(values), self.layout),
             pixel_unit_px=self.pixel_unit_px,
             pixel_redundancy=2 * sum(len(part.sigmas) for part in self.scene) - 3 * n_unknown,
@@ -102,7 +105,8 @@ class Problem:
         images = squares(self.scene, state) / unit**2
         images += squares([self.corners], state) / (noise.corner or 1.0) ** 2
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
-        graphs = [self._robot(sigmas), self._priors()]
+        robot = m.robot_graph(self.base_T_gripper, sigmas, self.trusted, inverted=self.inverted)
+        graphs = [robot, self._priors()]
         graphs += [] if self.held is None else [self.held]
         return 0.5 * images + float(m.joined(graphs).error(self._values(state)))
 
@@ -129,9 +133,6 @@ class Problem:
         """The shared unknowns for GTSAM."""
         layout = self.layout
         return to_values(state, with_intrinsics=layout.with_intrinsics, n_points=layout.n_known)
-
-    def _robot(self, sigmas: Array) -> gtsam.NonlinearFactorGraph:
-        return m.robot_graph(self.base_T_gripper, sigmas, self.trusted, inverted=self.inverted)
 
     def _priors(self) -> gtsam.NonlinearFactorGraph:
         graphs = [self.gauge, m.known_x_graph(self.known_x)]

@@ -7,7 +7,7 @@ and covariances for other noise levels need no new elimination.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -129,7 +129,8 @@ class Linearised:
         reprojections: image observations of unknown points; their sigmas have the unit
             ``pixel_unit_px`` (pixels).
         corners: image observations of known points, with sigmas of 1 pixel.
-        robot: robot pose residuals.
+        robot: residuals of the robot poses that are used.
+        reported: those of all robot poses.
         prior: gauge, known points and other priors.
         pixel_unit_px: see ``reprojections``.
         pixel_redundancy: observed pixel coordinates of unknown points less point coordinates.
@@ -144,6 +145,7 @@ class Linearised:
     reprojections: Quadratic
     corners: Quadratic
     robot: Rows
+    reported: Rows
     prior: Quadratic
     pixel_unit_px: float
     pixel_redundancy: int
@@ -152,6 +154,10 @@ class Linearised:
     inverted: bool
     point_steps: Callable[[Array], Array]
     held: Quadratic | None = None
+
+    def using(self, trusted: NDArray[np.bool_]) -> "Linearised":
+        """The problem with some (n,) of the robot poses."""
+        return replace(self, robot=self.reported.only(trusted))
 
 
 def summed(linear: gtsam.GaussianFactorGraph, layout: Layout) -> Quadratic:

@@ -12,7 +12,7 @@ from handeye_fg.graph.determined import determined
 from handeye_fg.graph.measurements import Gauge
 from handeye_fg.graph.mismatches import Kept, without_mismatches
 from handeye_fg.graph.noise import Solution, cost, estimate_noise
-from handeye_fg.graph.outliers import disagreeing
+from handeye_fg.graph.outliers import agreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.rig import first_camera_poses, is_plain, leaders
@@ -32,6 +32,7 @@ _FIRST_TOLERANCE = 1e-3
 _TOLERANCE = 1e-7
 _LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
 _GOOD = 0.25  # part of a step's expected decrease that may be missing
+_MOST_SETS = 5  # of robot poses that agree; a second one is rare
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
 
@@ -75,7 +76,7 @@ def _require_finite(start: State) -> None:
 
 
 def _first_noise(kept: Kept, residuals: Array, *, with_corners: bool) -> NoiseLevels:
-    """Levels from the robot residuals (n, 6) at the start."""
+    """Levels from the robot residuals (n, 6) of the poses that are used, at the start."""
     rms = np.sqrt(np.mean(residuals.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
     return NoiseLevels(
         pixel=kept.pixel,
@@ -274,6 +275,7 @@ def refine(
     known_x: Sequence[Prior] = (),
     frame: str = "gripper",
     inverted: bool = False,
+    trusted: NDArray[np.bool_] | None = None,
 ) -> Refinement:
     """Refine everything together and estimate the noise levels with it.
 
@@ -291,6 +293,8 @@ def refine(
         known_x: what is known of X beforehand.
         frame: parent frame of X, for messages.
         inverted: the robot poses are gripper_T_base; noise and residuals are those of base_T_gripper.
+        trusted: (n,) which robot poses are believed at first; None: all. In the end every pose is
+            judged by the others.
 
     Raises:
         ReconstructionError: too few observations are left.
@@ -299,29 +303,31 @@ def refine(
     _require_finite(start)
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
     n_known = 0 if known is None else len(known.points_world)
+    used = np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted
     kept = without_mismatches(start, model.tracks, scales, n_known)
     problem = make_problem(
-        kept, base_T_gripper, gauge, intrinsics, known, known_x, inverted=inverted
+        kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
     )
     residuals = robot_residuals(kept.state, base_T_gripper, inverted=inverted)
-    levels = _first_noise(kept, residuals, with_corners=known is not None)
+    levels = _first_noise(kept, residuals[used], with_corners=known is not None)
     limit = options.max_iterations
     fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress)
+    used, solution = agreeing(fit.linearised, fit.solution, used, noise)
 
     # Mismatches that hid behind a wrong start show now.
     kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
     problem = make_problem(
-        kept, base_T_gripper, gauge, intrinsics, known, known_x, inverted=inverted
+        kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
     )
-    levels, iterations = fit.solution.noise, fit.iterations
-    del fit  # large, and the next one takes as much again
+    levels, iterations = solution.noise, fit.iterations
+    del fit, solution  # large, and the next ones take as much again
     fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, iterations)
     iterations += fit.iterations
-    while (bad := disagreeing(fit.linearised, fit.solution, noise)).any():
-        trusted = problem.trusted.copy()
-        trusted[np.flatnonzero(trusted)[bad]] = False
-        problem = replace(problem, trusted=trusted)
-        levels = fit.solution.noise
+    for _ in range(_MOST_SETS):
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
+        if np.array_equal(used, problem.trusted):
+            break
+        problem, levels = replace(problem, trusted=used), solution.noise
         fit = _fitted(problem, fit.state, levels, noise, _TOLERANCE, limit, progress, iterations)
         iterations += fit.iterations
     return summarise(

@@ -6,7 +6,7 @@ adds base_T_world and the residuals.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -109,11 +109,13 @@ def linear_start(
         UnobservableError: the robot or the camera did not move.
     """
     data = PosePairs(base_T_gripper=base_T_gripper, world_T_camera=world_T_camera)
-    agreeing = only(data, trusted_rows(data, scale_known=False, seed=seed))
+    trusted = trusted_rows(data, scale_known=False, seed=seed)
+    agreeing = only(data, trusted)
     try:
-        return start_of(agreeing, andreff_scale(agreeing), "andreff_scale")
+        solution, method = andreff_scale(agreeing), "andreff_scale"
     except UnobservableError:
-        return start_of(agreeing, partial(agreeing, scale_known=False, priors=priors), "partial")
+        solution, method = partial(agreeing, scale_known=False, priors=priors), "partial"
+    return replace(start_of(agreeing, solution, method), trusted=trusted)
 
 
 def start_of(data: PosePairs | MotionPairs, solution: Solution, method: str) -> LinearStart:

@@ -1,0 +1,127 @@
+"""Wrong robot poses among right ones: all are named, none of the right ones, and X does not suffer."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from handeye_fg import frames
+from handeye_fg.graph import refine, start_state
+from handeye_fg.graph.deletion import deletions
+from handeye_fg.graph.mismatches import without_mismatches
+from handeye_fg.graph.noise import estimate_noise, solve
+from handeye_fg.graph.problem import make_problem
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.progress import silent
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.solvers import linear_start
+
+SIGMAS = np.array([np.deg2rad(0.1), 1e-3])
+
+
+def simulated(seed, n_images):
+    return simulate_scene(
+        np.random.default_rng(seed),
+        n_images=n_images,
+        n_points=80,
+        robot_rotation_sigma=SIGMAS[0],
+        robot_translation_sigma=SIGMAS[1],
+        start_sigma=1e-4,
+    )
+
+
+def fit(scene, poses, *, noise=None, trusted=None):
+    linear = linear_start(poses, scene.model.world_T_camera)
+    return refine(
+        scene.model,
+        poses,
+        start_state(scene.model, scene.camera.params, linear),
+        intrinsics=None,
+        noise=noise or NoiseOptions(),
+        options=GraphOptions(),
+        progress=silent,
+        trusted=linear.trusted if trusted is None else trusted,
+    )
+
+
+def nees(result, scene):
+    e = frames.log(frames.inverse(result.state.gripper_T_camera) @ scene.gripper_T_camera)
+    return float(e @ np.linalg.solve(result.observability.covariance, e))
+
+
+def swapped(poses):
+    poses[[2, 9]] = poses[[9, 2]]
+    return [2, 9]
+
+
+def stale(poses):
+    poses[[4, 8, 12]] = poses[[3, 7, 11]]
+    return [4, 8, 12]
+
+
+def unsettled(poses):
+    """15 sigma: nearer than what the linear start tells apart, and hiding each other."""
+    rows, shift = [1, 6, 13], 15.0 * np.repeat(SIGMAS, 3) * np.eye(6)[[0, 4, 2]]
+    poses[rows] = poses[rows] @ frames.exp(shift + np.roll(shift, 3, axis=0))
+    return rows
+
+
+@pytest.mark.parametrize("spoilt", [swapped, stale, unsettled])
+@pytest.mark.parametrize("known", [False, True])
+def test_wrong_poses_are_named_and_cost_little(spoilt, known):
+    scene = simulated(1, 15)
+    poses = np.array(scene.robot_poses.base_T_gripper)
+    rows = spoilt(poses)
+    noise = NoiseOptions(robot_rotation_deg=0.1, robot_translation_mm=1.0) if known else None
+    result = fit(scene, poses, noise=noise)
+    assert np.flatnonzero(result.outliers).tolist() == rows
+    assert nees(result, scene) < stats.chi2.isf(1e-3, 6)
+    if not known:
+        assert result.noise.robot_translation == pytest.approx(1e-3, rel=0.35)
+
+
+def test_all_poses_believed_at_first():
+    """Without a linear start's judgement the core alone finds what is wrong."""
+    scene = simulated(2, 20)
+    poses = np.array(scene.robot_poses.base_T_gripper)
+    poses[[3, 5, 8, 17]] = poses[[5, 3, 17, 8]]
+    result = fit(scene, poses, trusted=np.ones(20, dtype=bool))
+    assert np.flatnonzero(result.outliers).tolist() == [3, 5, 8, 17]
+
+
+def test_right_poses_that_were_not_believed_are_taken_in():
+    scene = simulated(3, 12)
+    poses = np.array(scene.robot_poses.base_T_gripper)
+    poses[4, :3, 3] += 0.02
+    doubted = ~np.isin(np.arange(12), [0, 4, 7])
+    result = fit(scene, poses, trusted=doubted)
+    assert np.flatnonzero(result.outliers).tolist() == [4]
+
+
+def test_a_deletion_is_the_solution_without_the_pose():
+    scene = simulated(4, 8)
+    reported, tracks = scene.robot_poses.base_T_gripper, scene.model.tracks
+    linear = linear_start(reported, scene.model.world_T_camera)
+    state = start_state(scene.model, scene.camera.params, linear)
+    kept = without_mismatches(state, tracks, np.ones(len(tracks.pixels)))
+    problem = make_problem(kept, reported, "base", None, None, ())
+    everything = np.ones(8, dtype=bool)
+    linearised = problem.linearised(kept.state)
+    solution = estimate_noise(linearised, scene.noise, NoiseOptions())
+    found = deletions(linearised, solution, everything)
+    for i in range(8):
+        rest = np.arange(8) != i
+        less = linearised.using(rest)
+        without = solve(less, solution.noise)
+        columns = linearised.layout.x_columns()
+        np.testing.assert_allclose(
+            found.x_step[i], without.step[columns] - solution.step[columns], rtol=1e-6, atol=1e-12
+        )
+        alone = deletions(less, without, rest)
+        np.testing.assert_allclose(found.lengths[i], alone.lengths[i], rtol=1e-6)
+        assert np.isnan(alone.x_step[i]).all()
+
+
+def test_the_rest_does_not_determine_what_a_pose_says():
+    """With three poses and any one left out, X is free: nothing can be said of the one."""
+    scene = simulated(5, 3)
+    assert not fit(scene, scene.robot_poses.base_T_gripper).outliers.any()
