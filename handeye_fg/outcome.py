@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -115,17 +116,37 @@ def _images(
             name=name,
             registered=True,
             base_T_camera=base_T_camera[i],
-            residual_rotation=float(np.linalg.norm(final.residuals[i, :3])),
-            residual_translation=float(np.linalg.norm(final.residuals[i, 3:])),
+            residual_rotation=float(np.linalg.norm(final.residuals[pose, :3])),
+            residual_translation=float(np.linalg.norm(final.residuals[pose, 3:])),
             reprojection_rms=float(final.reprojection_rms[i]),
-            outlier=bool(final.outliers[i]),
-            reason=_LEFT_OUT if final.outliers[i] else "",
+            outlier=bool(final.outliers[pose]),
+            w_test=_known(final.w_test[pose]),
+            influence_rotation=_known(np.linalg.norm(final.influence[pose, :3])),
+            influence_translation=_known(np.linalg.norm(final.influence[pose, 3:])),
+            reason=_LEFT_OUT if final.outliers[pose] else "",
         )
-        for i, name in enumerate(model.names)
+        for i, (name, pose) in enumerate(zip(model.names, final.state.rig.pose, strict=True))
     ]
     without = (*model.unregistered, *inputs.left_out)
     reports += [ImageReport(name=name, registered=False, reason=reason) for name, reason in without]
     return tuple(sorted(reports, key=lambda report: report.name))
+
+
+def _known(value: float | np.floating[Any]) -> float | None:
+    """A figure, or None where there is none."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _bad_poses(model: SfmModel, final: Refinement) -> list[str]:
+    """The images whose robot poses were left out, with how far these are off."""
+    lengths = np.linalg.norm(final.residuals.reshape(-1, 2, 3), axis=2)
+    named = []
+    for name, pose in zip(model.names, final.state.rig.pose, strict=True):
+        if final.outliers[pose]:
+            degrees, millimetres = np.rad2deg(lengths[pose, 0]), 1e3 * lengths[pose, 1]
+            w_test = f"w {final.w_test[pose]:.3g}"
+            named.append(f"{name} ({millimetres:.3g} mm, {degrees:.2g} deg, {w_test})")
+    return named
 
 
 def _target(scene: Scene, view: View) -> TargetSummary | None:
@@ -156,8 +177,7 @@ def _message(scene: Scene, inputs: Inputs, view: View) -> str:
         parts.append(f"The target was found in {len(scene.board.names)} of them.")
     if view.scale_note:
         parts.append(view.scale_note)
-    bad = [name for name, outlier in zip(model.names, final.outliers, strict=True) if outlier]
-    if bad:
+    if bad := _bad_poses(model, final):
         parts.append(
             f"The robot poses of {', '.join(bad)} disagree with the others and were left out."
         )

@@ -1,5 +1,6 @@
 """The main flow on a simulated reconstruction; images are there but are not looked at."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -126,7 +127,15 @@ def test_a_wrong_pose_is_named(images, scene, reconstruction):
     poses[bad][:3, 3] += 0.02
     result = hf.calibrate(images, poses, camera=scene.camera)
     assert [image.name for image in result.images if image.outlier] == [bad]
-    assert bad in result.message
+    assert re.search(rf"{bad} \(3[45][.\d]* mm, 0[.\d]* deg, w \d\d+", result.message)
+    for image in result.images:
+        if image.name == bad:
+            assert image.w_test > 20.0
+            assert image.residual_translation == pytest.approx(0.035, rel=0.1)
+            assert image.influence_translation is None
+        else:
+            assert image.w_test < 6.0
+            assert 0.0 < image.influence_translation < 1e-3
 
 
 def test_poses_of_other_images_are_refused(images, scene, reconstruction):

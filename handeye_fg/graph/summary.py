@@ -8,6 +8,7 @@ from scipy import special
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
+from handeye_fg.graph.deletion import deletions
 from handeye_fg.graph.determined import determined, spread
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Layout, Linearised
@@ -43,6 +44,11 @@ class Refinement:
             where the noise levels are known.
         residuals: (r, 6) reported robot pose against the refined one, radians and metres.
         outliers: (r,) robot poses that disagree with the rest beyond its noise; they were left out.
+        w_test: (r,) length of each reported pose's standardised residual against the solution without
+            it: that of its rotation or of its translation, the larger. Its square is chi-square of
+            3 degrees of freedom for a right pose; NaN where the others do not determine it.
+        influence: (r, 6) how far the first camera's X would move without the pose, with these noise
+            levels, radians and metres; NaN where it is not used, or X not determined without it.
         reprojection_rms: (n,) pixels.
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
@@ -65,6 +71,8 @@ class Refinement:
     degrees_of_freedom: float
     residuals: Array
     outliers: NDArray[np.bool_]
+    w_test: Array
+    influence: Array
     reprojection_rms: Array
     iterations: int
     converged: bool
@@ -156,6 +164,7 @@ def summarise(
     metres_per_unit = scale * spread(poses) / spread(model.world_T_camera)
 
     found = determined(state, linearised, solution)
+    without = deletions(linearised, solution, trusted)
     observabilities = tuple(
         analyse(joint, X, frame)
         for joint, X in zip(found.joints, state.gripper_T_cameras, strict=True)
@@ -185,6 +194,8 @@ def summarise(
         degrees_of_freedom=found.degrees_of_freedom,
         residuals=residuals,
         outliers=~trusted,
+        w_test=without.lengths.max(axis=1),
+        influence=without.x_step,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, len(poses)),
         iterations=iterations,
         converged=converged,

@@ -213,18 +213,29 @@ def _start(fields: Fields) -> LinearStart:
 
 
 def _image(fields: Fields) -> ImageReport:
-    rotation = fields.optional_number("residual_rotation_deg")
-    translation = fields.optional_number("residual_translation_mm")
     return ImageReport(
         name=fields.text("name"),
         registered=fields.flag("registered"),
         base_T_camera=fields.optional_array("base_T_camera", (4, 4)),
-        residual_rotation=None if rotation is None else math.radians(rotation),
-        residual_translation=None if translation is None else translation / 1e3,
+        residual_rotation=_radians(fields, "residual_rotation_deg"),
+        residual_translation=_metres(fields, "residual_translation_mm"),
         reprojection_rms=fields.optional_number("reprojection_rms_px"),
         outlier=fields.flag("outlier"),
+        w_test=fields.optional_number("w_test"),
+        influence_rotation=_radians(fields, "influence_rotation_deg"),
+        influence_translation=_metres(fields, "influence_translation_mm"),
         reason=fields.text("reason"),
     )
+
+
+def _radians(fields: Fields, name: str) -> float | None:
+    degrees = fields.optional_number(name)
+    return None if degrees is None else math.radians(degrees)
+
+
+def _metres(fields: Fields, name: str) -> float | None:
+    millimetres = fields.optional_number(name)
+    return None if millimetres is None else millimetres / 1e3
 
 
 def _figures(fields: Fields) -> dict[str, float]:

@@ -26,6 +26,15 @@ FILE_NAME = "result.json"
 FREE_COMPONENT = 0.1
 """A component of X has no standard deviation where a free direction leans on its axis by more."""
 
+_FIGURES_OF_IMAGES = (
+    "residual_rotation",
+    "residual_translation",
+    "reprojection_rms",
+    "w_test",
+    "influence_rotation",
+    "influence_translation",
+)
+
 Document = dict[str, object]
 Status = Literal["ok", "partial"]
 
@@ -41,7 +50,14 @@ class ImageReport:
         residual_rotation, residual_translation: how far the reported robot pose is from the refined
             one, radians and metres.
         reprojection_rms: root mean square reprojection error, pixels.
-        outlier: whether its robot pose disagrees with the rest beyond its noise.
+        outlier: whether its robot pose disagrees with the rest beyond its noise; such a pose is left
+            out, so that its residual is against what the others say.
+        w_test: length of the reported robot pose's standardised residual against the calibration
+            without it: that of its rotation or of its translation, the larger (Baarda's test). The
+            square of either is chi-square of 3 degrees of freedom for a right pose: half of them have
+            less than 1.5, one in a thousand more than 4. None where the others do not determine it.
+        influence_rotation, influence_translation: how far X would move without this robot pose,
+            radians and metres; None where it is not used, or X is not determined without it.
         reason: why it is unregistered, left out or an outlier; "" otherwise.
     """
 
@@ -52,12 +68,15 @@ class ImageReport:
     residual_translation: float | None = None
     reprojection_rms: float | None = None
     outlier: bool = False
+    w_test: float | None = None
+    influence_rotation: float | None = None
+    influence_translation: float | None = None
     reason: str = ""
 
     def __post_init__(self) -> None:
         if self.base_T_camera is not None:
             _set_pose(self, "base_T_camera")
-        for name in ("residual_rotation", "residual_translation", "reprojection_rms"):
+        for name in _FIGURES_OF_IMAGES:
             if getattr(self, name) is not None:
                 _check_finite(self, name)
 
@@ -388,15 +407,28 @@ def _start_document(start: LinearStart) -> Document:
 
 
 def _image_document(image: ImageReport) -> Document:
-    rotation, translation = image.residual_rotation, image.residual_translation
-    rms = image.reprojection_rms
     return {
         "name": image.name,
         "registered": bool(image.registered),
         "base_T_camera": _nested(image.base_T_camera),
-        "residual_rotation_deg": None if rotation is None else math.degrees(rotation),
-        "residual_translation_mm": None if translation is None else 1e3 * float(translation),
-        "reprojection_rms_px": None if rms is None else float(rms),
+        "residual_rotation_deg": _degrees(image.residual_rotation),
+        "residual_translation_mm": _millimetres(image.residual_translation),
+        "reprojection_rms_px": _number(image.reprojection_rms),
         "outlier": bool(image.outlier),
+        "w_test": _number(image.w_test),
+        "influence_rotation_deg": _degrees(image.influence_rotation),
+        "influence_translation_mm": _millimetres(image.influence_translation),
         "reason": image.reason,
     }
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _degrees(radians: float | None) -> float | None:
+    return None if radians is None else math.degrees(radians)
+
+
+def _millimetres(metres: float | None) -> float | None:
+    return None if metres is None else 1e3 * float(metres)

@@ -85,6 +85,7 @@ def drawings(result: Result) -> tuple[Drawing, ...]:
             _residuals(result),
             _centres(result, placed),
             _reprojection(placed),
+            _influence(result),
             _correlations(result),
         )
     return tuple(drawing for drawing in candidates if drawing is not None)
@@ -134,6 +135,30 @@ def _reprojection(images: Sequence[ImageReport]) -> Drawing | None:
         title="Reprojection error by image",
         caption="Root mean square distance between seen and predicted points. "
         f"Largest: {wording.number(values[worst])} px at {wording.printable(shown[worst].name)}.",
+    )
+
+
+def _influence(result: Result) -> Drawing | None:
+    """Of the most influential poses, the largest first."""
+    shown = [image for image in result.images if image.influence_translation is not None]
+    if not shown:
+        return None
+    shown = sorted(shown, key=lambda image: image.influence_translation or 0.0, reverse=True)
+    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    names = shown[:_MOST_NAMES]
+    millimetres = [1000.0 * (image.influence_translation or 0.0) for image in names]
+    degrees = [np.degrees(image.influence_rotation or 0.0) for image in names]
+    _bars(upper, names, millimetres, "position, mm")
+    _bars(lower, names, degrees, "orientation, deg")
+    _name_axis(lower, names)
+    return _drawing(
+        figure,
+        "influence",
+        title="Influence of each robot pose on X",
+        caption="How far X would move without the pose, the most influential first. Largest: "
+        f"{wording.number(millimetres[0])} mm at {wording.printable(names[0].name)}. Where one pose "
+        "moves X by far more than the others do, X rests on it: take more images like it.",
     )
 
 

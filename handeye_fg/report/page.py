@@ -210,16 +210,26 @@ def _side_by_side(start: Array, final: Array, digits: int) -> tuple[str, str]:
 
 
 def _image(image: ImageReport) -> dict[str, object]:
-    rotation, translation = image.residual_rotation, image.residual_translation
     return {
         "name": image.name,
         "registered": image.registered,
-        "rotation": wording.number(None if rotation is None else math.degrees(rotation)),
-        "translation": wording.number(None if translation is None else 1000.0 * translation),
+        "rotation": _in_degrees(image.residual_rotation, 3),
+        "translation": _in_millimetres(image.residual_translation),
         "reprojection": wording.number(image.reprojection_rms),
         "outlier": image.outlier,
+        "w_test": wording.number(image.w_test, 1),
+        "influence_rotation": _in_degrees(image.influence_rotation),
+        "influence_translation": _in_millimetres(image.influence_translation),
         "reason": image.reason,
     }
+
+
+def _in_degrees(radians: float | None, digits: int = 4) -> str:
+    return wording.number(None if radians is None else math.degrees(radians), digits)
+
+
+def _in_millimetres(metres: float | None) -> str:
+    return wording.number(None if metres is None else 1000.0 * metres)
 
 
 def _pairs(values: Mapping[str, float], digits: int | None = None) -> list[tuple[str, str]]:

@@ -7,9 +7,10 @@ from scipy import stats
 from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.deletion import deletions
-from handeye_fg.graph.mismatches import without_mismatches
+from handeye_fg.graph.mismatches import Kept, without_mismatches
 from handeye_fg.graph.noise import estimate_noise, solve
 from handeye_fg.graph.problem import make_problem
+from handeye_fg.graph.refine import _fitted as fitted
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
@@ -75,6 +76,9 @@ def test_wrong_poses_are_named_and_cost_little(spoilt, known):
     result = fit(scene, poses, noise=noise)
     assert np.flatnonzero(result.outliers).tolist() == rows
     assert nees(result, scene) < stats.chi2.isf(1e-3, 6)
+    assert (result.w_test[rows] > 6.0).all()
+    assert np.delete(result.w_test, rows).max() < 5.0
+    assert np.isnan(result.influence[rows]).all()
     if not known:
         assert result.noise.robot_translation == pytest.approx(1e-3, rel=0.35)
 
@@ -119,6 +123,28 @@ def test_a_deletion_is_the_solution_without_the_pose():
         alone = deletions(less, without, rest)
         np.testing.assert_allclose(found.lengths[i], alone.lengths[i], rtol=1e-6)
         assert np.isnan(alone.x_step[i]).all()
+
+
+def test_influence_is_how_far_x_moves_when_the_refinement_is_made_without_the_pose():
+    scene = simulated(6, 10)
+    reported = scene.robot_poses.base_T_gripper
+    known = NoiseOptions(pixel_px=0.3, robot_rotation_deg=0.1, robot_translation_mm=1.0)
+    result = fit(scene, reported, noise=known)
+    observed = Kept(
+        state=result.state,
+        tracks=result.tracks,
+        sigma_scale=result.sigma_scale,
+        pixel=result.noise.pixel,
+        corner=1.0,
+    )
+    for i in range(10):
+        rest = np.arange(10) != i
+        problem = make_problem(observed, reported, "base", None, None, (), rest)
+        again = fitted(problem, result.state, result.noise, known, 1e-9, 100, silent).state
+        moved = frames.log(frames.inverse(result.state.gripper_T_camera) @ again.gripper_T_camera)
+        np.testing.assert_allclose(
+            result.influence[i], moved, atol=0.03 * np.linalg.norm(moved[3:])
+        )
 
 
 def test_the_rest_does_not_determine_what_a_pose_says():

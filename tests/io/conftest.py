@@ -42,6 +42,7 @@ def make_result(**changes: Any) -> Result:
                 residual_translation=2e-3,
                 reprojection_rms=0.4,
                 outlier=True,
+                w_test=58.2,
                 reason="31 mm from where the images put it",
             ),
             ImageReport(name="frame_\udcff\u2603.png", registered=False, reason="no matches"),

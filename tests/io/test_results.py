@@ -69,6 +69,9 @@ images = st.builds(
     residual_translation=st.none() | positive,
     reprojection_rms=st.none() | positive,
     outlier=st.booleans(),
+    w_test=st.none() | positive,
+    influence_rotation=st.none() | positive,
+    influence_translation=st.none() | positive,
     reason=words,
 )
 

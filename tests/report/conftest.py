@@ -36,6 +36,9 @@ def make_result(**changes: Any) -> Result:
                 residual_translation=0.0004 * abs(rng.normal()) + 0.03 * rejected,
                 reprojection_rms=0.4 + 0.1 * rng.random(),
                 outlier=rejected,
+                w_test=62.0 if rejected else 3.0 * rng.random(),
+                influence_rotation=None if rejected else 1e-4 * rng.random(),
+                influence_translation=None if rejected else 1e-4 * (1.0 + i % 7),
                 reason="its reported pose is 31 mm from where the images put it"
                 if rejected
                 else "",

@@ -84,10 +84,18 @@ def test_page_is_one_well_formed_file(result: Result, tmp_path: Path) -> None:
     assert page.tags.count("h1") == 1
 
 
+def test_the_most_influential_pose_comes_first(result: Result) -> None:
+    drawing = re.findall(r"<svg.*?</svg>", render(result), flags=re.DOTALL)[3]
+    names = re.findall(r"frame_\d{4}\.jpg", drawing)
+    largest = max(result.images, key=lambda image: image.influence_translation or 0.0).name
+    assert names[0] == largest
+    assert "frame_0005.jpg" not in names  # rejected: it has no influence
+
+
 def test_figures_have_descriptions_and_follow_the_theme(result: Result) -> None:
     text = render(result)
     drawings = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
-    assert len(drawings) == 4
+    assert len(drawings) == 5
     for drawing in drawings:
         root = ET.fromstring(drawing)
         assert root.get("role") == "img"
