@@ -94,7 +94,7 @@ def ours(scene):
         gripper_T_cameras=scene["X"][None],
         base_T_world=scene["Z"],
         log_scale=float(scene["log_scale"]),
-        opencv_params=model.camera.params[None],
+        cameras=(model.camera,),
         rig=Rig.of_one_camera(n),
     )
     begin = time.perf_counter()
@@ -102,7 +102,7 @@ def ours(scene):
         model,
         scene["base_T_gripper"],
         start,
-        intrinsics=None,
+        intrinsics=(),
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,

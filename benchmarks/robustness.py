@@ -59,14 +59,14 @@ def unsettled(rng, poses, rows, sigmas):
 CASES = {"swapped": swapped, "stale": stale, "unsettled": unsettled}
 
 
-def calibrated(model, reported, params):
+def calibrated(model, reported, camera):
     """The linear start and the refinement, as a calibration from images has them."""
     linear = linear_start(reported, model.world_T_camera)
     return refine(
         model,
         reported,
-        start_state(model, params, linear),
-        intrinsics=None,
+        start_state(model, [camera], linear),
+        intrinsics=(),
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,
@@ -122,11 +122,11 @@ def draw(case, n_images, sigmas, seed, part=0.2):
     off = frames.log(frames.inverse(reported) @ poses).reshape(-1, 2, 3)
     off = (np.linalg.norm(off, axis=2) / sigmas).max(axis=1)
     begin = time.perf_counter()
-    result = calibrated(scene.model, poses, scene.camera.params)
+    result = calibrated(scene.model, poses, scene.camera)
     seconds = time.perf_counter() - begin
     begin = time.perf_counter()
     left = np.setdiff1d(np.arange(n_images), rows)
-    clean = calibrated(without(scene.model, rows), reported[left], scene.camera.params)
+    clean = calibrated(without(scene.model, rows), reported[left], scene.camera)
     seconds /= time.perf_counter() - begin
     good = np.ones(n_images, dtype=bool)
     good[rows] = False

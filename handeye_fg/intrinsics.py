@@ -1,10 +1,11 @@
 """Lens distortion: where it can be inverted, and other forms of the same camera.
 
-Entry points: ``opencv_distortion``, ``covers_image``, ``fitted_opencv``, ``pinhole_view``. Normalised
+Entry points: ``opencv_distortion``, ``covers_image``, ``nearest``, ``fitted_opencv``,
+``pinhole_view``. Normalised
 coordinates are those of the plane at depth 1; pixels have the first pixel's centre at (0.5, 0.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -13,20 +14,8 @@ from scipy.optimize import least_squares
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.types import CameraModel
-
-# Number of parameters, by model; the order is COLMAP's.
-_N_PARAMS = {
-    "SIMPLE_PINHOLE": 3,
-    "PINHOLE": 4,
-    "SIMPLE_RADIAL": 4,
-    "RADIAL": 5,
-    "OPENCV": 8,
-    "FULL_OPENCV": 12,
-    "OPENCV_FISHEYE": 8,
-}
-_ONE_FOCAL_LENGTH = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_CONTAINED_IN_OPENCV = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+from handeye_fg.lens import embedding, lens_of, refinable
+from handeye_fg.types import CameraModel, Indices
 
 # A root of a polynomial with a smaller imaginary part counts as real (rounding of a double root).
 _REAL_ROOT = 1e-9
@@ -49,101 +38,6 @@ _GRID = (30, 40)
 _WIDEST_VIEW = np.deg2rad(80.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Lens:
-    """Focal lengths (2,), centre (2,) and distortion coefficients under OpenCV's names."""
-
-    focal: Array
-    centre: Array
-    fisheye: bool
-    k: Array  # (6,): numerator k1 k2 k3, denominator k4 k5 k6; fisheye: k1 k2 k3 k4 0 0
-    p: Array  # (2,)
-
-    def normalised(self, pixels: Array) -> Array:
-        """Distorted normalised coordinates (n, 2) of pixels (n, 2)."""
-        return (np.asarray(pixels, dtype=np.float64) - self.centre) / self.focal
-
-    def radial(self, radius: Array) -> Array:
-        """Distorted radius for undistorted radii (n,), without tangential distortion."""
-        if self.fisheye:
-            theta = np.arctan(radius)
-            return np.asarray(theta * _fisheye_series(self.k)(theta**2))
-        numerator, denominator = _radial_series(self.k)
-        s = np.asarray(radius) ** 2
-        return np.asarray(radius * numerator(s) / denominator(s))
-
-    def distorted(self, xy: Array) -> tuple[Array, Array]:
-        """Distorted normalised coordinates (n, 2) of undistorted ones, and Jacobians (n, 2, 2)."""
-        x, y = xy[:, 0], xy[:, 1]
-        s = x * x + y * y
-        if self.fisheye:
-            factor, slope = _fisheye_factor(self.k, s)
-        else:
-            numerator, denominator = _radial_series(self.k)
-            n, d = numerator(s), denominator(s)
-            factor = n / d
-            slope = (numerator.deriv()(s) - factor * denominator.deriv()(s)) / d
-        p1, p2 = self.p
-        u = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
-        v = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
-        cross = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        jacobian = np.empty((len(xy), 2, 2))
-        jacobian[:, 0, 0] = factor + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-        jacobian[:, 0, 1] = jacobian[:, 1, 0] = cross
-        jacobian[:, 1, 1] = factor + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        return np.stack([u, v], axis=1), jacobian
-
-
-def _radial_series(k: Array) -> tuple[Polynomial, Polynomial]:
-    """Numerator and denominator of the radial factor as polynomials of the squared radius."""
-    return Polynomial([1.0, *k[:3]]), Polynomial([1.0, *k[3:]])
-
-
-def _fisheye_series(k: Array) -> Polynomial:
-    """Distorted angle / angle as a polynomial of the squared angle."""
-    return Polynomial([1.0, *k[:4]])
-
-
-def _fisheye_factor(k: Array, s: Array) -> tuple[Array, Array]:
-    """Distorted / undistorted radius, and its derivative with respect to the squared radius s."""
-    r = np.sqrt(np.maximum(s, 1e-12))  # the derivative's limit at the axis, to 1e-12
-    theta = np.arctan(r)
-    series = _fisheye_series(k)
-    bent = theta * series(theta**2)
-    bent_slope = series(theta**2) + 2 * theta**2 * series.deriv()(theta**2)
-    slope = (bent_slope / (1 + r * r) * r - bent) / (2 * r**3)
-    return bent / r, slope
-
-
-def _lens(camera: CameraModel) -> _Lens:
-    """The camera's parameters under OpenCV's names."""
-    if camera.model not in _N_PARAMS:
-        raise InputDataError(
-            f"camera model {camera.model} has no counterpart in OpenCV; convert the camera to one of "
-            f"{', '.join(_N_PARAMS)}"
-        )
-    wanted = _N_PARAMS[camera.model]
-    if len(camera.params) != wanted:
-        raise InputDataError(
-            f"camera model {camera.model} has {wanted} parameters, but {len(camera.params)} are given"
-        )
-    params = camera.params
-    if camera.model in _ONE_FOCAL_LENGTH:
-        focal, centre, rest = np.array([params[0], params[0]]), params[1:3], params[3:]
-    else:
-        focal, centre, rest = params[:2], params[2:4], params[4:]
-    fisheye = camera.model == "OPENCV_FISHEYE"
-    k, p = np.zeros(6), np.zeros(2)
-    if fisheye:
-        k[:4] = rest
-    else:
-        k[: min(2, len(rest))] = rest[:2]
-        if len(rest) >= 4:
-            p[:] = rest[2:4]
-        k[2 : 2 + len(rest[4:])] = rest[4:]
-    return _Lens(focal=focal, centre=centre, fisheye=fisheye, k=k, p=p)
-
-
 def opencv_distortion(camera: CameraModel) -> tuple[Array, Array]:
     """The camera as OpenCV wants it.
 
@@ -158,13 +52,10 @@ def opencv_distortion(camera: CameraModel) -> tuple[Array, Array]:
     Raises:
         InputDataError: OpenCV has no such model.
     """
-    lens = _lens(camera)
+    lens = lens_of(camera)
     K = np.diag([*lens.focal, 1.0])
     K[:2, 2] = lens.centre
-    if lens.fisheye:
-        return K, lens.k[:4].copy()
-    dist = np.concatenate([lens.k[:2], lens.p, lens.k[2:]])
-    return K, dist if camera.model == "FULL_OPENCV" else dist[:4]
+    return K, lens.coefficients[: 8 if camera.model == "FULL_OPENCV" else 4].copy()
 
 
 def _smallest_positive_root(*polynomials: Polynomial) -> float:
@@ -182,13 +73,15 @@ def invertible_radius(camera: CameraModel) -> float:
     Raises:
         InputDataError: the model has no counterpart in OpenCV.
     """
-    lens = _lens(camera)
+    lens = lens_of(camera)
+    k1, k2, *_, k4, k5, k6 = lens.coefficients
     s = Polynomial([0.0, 1.0])
     if lens.fisheye:
-        series = _fisheye_series(lens.k)
+        series = Polynomial([1.0, *lens.coefficients[:4]])
         theta = np.sqrt(_smallest_positive_root(series + 2 * s * series.deriv()))
         return float(np.tan(theta)) if theta < np.pi / 2 else float("inf")
-    numerator, denominator = _radial_series(lens.k)
+    numerator = Polynomial([1.0, k1, k2, lens.coefficients[4]])
+    denominator = Polynomial([1.0, k4, k5, k6])
     slope = (numerator + 2 * s * numerator.deriv()) * denominator
     slope -= 2 * s * numerator * denominator.deriv()
     return float(np.sqrt(_smallest_positive_root(slope, denominator)))
@@ -208,8 +101,8 @@ def _undistorted(
         Undistorted normalised coordinates (m, 2), whether each was found (m,), and the determinants
         (m,) of the distortion's Jacobian there.
     """
-    lens = _lens(camera)
-    target = lens.normalised(pixels)
+    lens = lens_of(camera)
+    target = (np.asarray(pixels, dtype=np.float64) - lens.centre) / lens.focal
     radius = np.linalg.norm(target, axis=1)
     fold = invertible_radius(camera)
     # Angles in equal steps: dense where the images are, and yet as far as the widest ray.
@@ -220,16 +113,14 @@ def _undistorted(
     xy = target * (start / np.maximum(radius, np.finfo(float).tiny))[:, None]
     limit = float(table[-1])
     for _ in range(_NEWTON_STEPS):
-        value, jacobian = lens.distorted(xy)
-        error = target - value
+        error = target - np.stack(lens.distorted(*xy.T), axis=1)
         if np.abs(error * lens.focal).max(initial=0.0) < _NEWTON_DONE_PX:
             break
-        xy = xy + _solved(jacobian, error)
+        xy = xy + _solved(lens.by_ray(*xy.T), error)
         length = np.linalg.norm(xy, axis=1)
         xy *= np.where(length > limit, limit / np.maximum(length, limit), 1.0)[:, None]
-    value, jacobian = lens.distorted(xy)
-    miss = np.abs((value - target) * lens.focal).max(axis=1, initial=0.0)
-    determinant = np.linalg.det(jacobian)
+    miss = np.abs(lens.pixels(*xy.T) - pixels).max(axis=1, initial=0.0)
+    determinant = np.linalg.det(lens.by_ray(*xy.T))
     found = (miss < _ROUND_TRIP_PX) & (determinant > 0)
     found &= np.linalg.norm(xy, axis=1) <= part * min(fold, _FARTHEST_RADIUS)
     return xy, found, determinant
@@ -263,35 +154,44 @@ def covers_image(camera: CameraModel) -> bool:
 
 
 def fitted_opencv(camera: CameraModel) -> tuple[CameraModel, float]:
-    """The camera of model OPENCV nearest to a perspective camera.
+    """The camera of model OPENCV nearest to a perspective camera; see ``nearest``."""
+    return nearest(camera, replace(camera, model="OPENCV", params=np.zeros(8)))
+
+
+def nearest(camera: CameraModel, like: CameraModel) -> tuple[CameraModel, float]:
+    """The camera of another one's model that is nearest to a camera.
 
     Args:
-        camera: of any perspective model.
+        camera: what is to be described.
+        like: gives the model, and the values of those of its parameters that are never refined.
 
     Returns:
-        The OPENCV camera and its root mean square distance from the given one in pixels, over a grid
-        of the image's pixels as far as these lie well within the invertible radius. It is exact, 0.0,
-        for the models that OPENCV contains.
+        The camera and its root mean square distance from the given one in pixels, over a grid of the
+        image's pixels as far as these lie well within the invertible radius. It is exact, 0.0, where
+        the model contains the camera.
 
     Raises:
-        InputDataError: no such model, or one that is not perspective.
+        InputDataError: only one of the models is a fisheye, or the camera has no use in its own image.
     """
-    lens = _lens(camera)
-    exact = np.concatenate([lens.focal, lens.centre, lens.k[:2], lens.p])
-    if camera.model in _CONTAINED_IN_OPENCV:
-        return _opencv(camera, exact), 0.0
-    if lens.fisheye:
+    into, own = embedding(like.model), embedding(camera.model) @ camera.params
+    free = refinable(like.model)
+    params = like.params.copy()
+    params[free] = (into.T @ own / into.sum(axis=0))[free]
+    start = replace(like, params=params)
+    if lens_of(start).fisheye != lens_of(camera).fisheye:
         raise InputDataError(
-            "camera model OPENCV_FISHEYE cannot be written as OPENCV, whose polynomial holds for "
-            "narrower lenses; keep the intrinsics fixed"
+            f"camera model {camera.model} cannot be written as {like.model}: one is for fisheye lenses, "
+            "the other is not; give the intrinsics in a model of the other kind"
         )
+    if np.array_equal(into @ params, own):
+        return start, 0.0
     grid = _image_grid(camera)
-    best, rms = camera, float("inf")
+    best, rms = start, float("inf")
     for part in _SAFE_PARTS:
         rays, found, _ = _undistorted(camera, grid, part=part)
-        if np.sum(found) < len(exact):
+        if 2 * np.sum(found) < len(free):
             break
-        best, rms = _fitted(camera, exact, rays[found], grid[found])
+        best, rms = _fitted(start, free, rays[found], grid[found])
         if covers_image(best):
             break
     if not np.isfinite(rms):
@@ -303,21 +203,27 @@ def fitted_opencv(camera: CameraModel) -> tuple[CameraModel, float]:
 
 
 def _fitted(
-    camera: CameraModel, start: Array, rays: Array, pixels: Array
+    start: CameraModel, free: Indices, rays: Array, pixels: Array
 ) -> tuple[CameraModel, float]:
-    """The OPENCV camera that best projects rays (n, 2) to pixels (n, 2), and its rms in pixels."""
-    scale = np.concatenate([np.repeat(start[:2], 2), np.ones(4)])
+    """The camera, only some parameters changed, that best projects rays (n, 2) to pixels (n, 2)."""
+    into = embedding(start.model)[:, free]
+
+    def trial(unknowns: Array) -> CameraModel:
+        params = start.params.copy()
+        params[free] = unknowns
+        return replace(start, params=params)
 
     def misfit(unknowns: Array) -> Array:
-        trial = _lens(_opencv(camera, unknowns * scale))
-        return ((trial.distorted(rays)[0] * trial.focal + trial.centre) - pixels).ravel()
+        return np.ravel(lens_of(trial(unknowns)).pixels(*rays.T) - pixels)
 
-    best = least_squares(misfit, start / scale, method="lm", xtol=1e-14, ftol=1e-14)
-    return _opencv(camera, best.x * scale), float(np.sqrt(2.0 * best.cost / len(pixels)))
+    def slope(unknowns: Array) -> Array:
+        by_params = lens_of(trial(unknowns)).by_params(*rays.T)
+        return np.reshape(by_params @ into, (-1, len(free)))
 
-
-def _opencv(camera: CameraModel, params: Array) -> CameraModel:
-    return CameraModel(model="OPENCV", width=camera.width, height=camera.height, params=params)
+    best = least_squares(
+        misfit, start.params[free], slope, method="lm", x_scale="jac", xtol=1e-14, ftol=1e-14
+    )
+    return trial(best.x), float(np.sqrt(2.0 * best.cost / len(pixels)))
 
 
 def pinhole_view(camera: CameraModel, pixels: Array) -> tuple[CameraModel, Array, Array]:
@@ -335,7 +241,7 @@ def pinhole_view(camera: CameraModel, pixels: Array) -> tuple[CameraModel, Array
         InputDataError: no such model, or the distortion cannot be inverted at an observation, or its
             ray is too far off the axis for a pinhole view.
     """
-    lens = _lens(camera)
+    lens = lens_of(camera)
     pixels = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
     xy, found, determinant = _undistorted(camera, pixels)
     if not found.all():

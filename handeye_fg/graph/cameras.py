@@ -1,10 +1,10 @@
 """What is done with the intrinsics: kept as given, or unknowns of the graph; entry ``refine_views``.
 
-GTSAM has COLMAP's OPENCV model (and the models that it contains) exactly. Any other model is kept
-fixed by moving the observations, with their noise, into an undistorted pinhole view of the same
-camera matrix; to refine such intrinsics, the graph takes the OPENCV model nearest to them.
+Either way the observations are held against the camera's own model, and a model that is refined has its
+own parameters for unknowns, no more and no fewer.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +17,11 @@ from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import intrinsics_pull, refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
 from handeye_fg.graph.variables import State
-from handeye_fg.intrinsics import covers_image, fitted_opencv, pinhole_view
-from handeye_fg.options import Intrinsics, Options
+from handeye_fg.intrinsics import covers_image, nearest
+from handeye_fg.lens import embedding, lens_of, refinable
+from handeye_fg.options import Options
 from handeye_fg.progress import Progress
 from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel
-
-_EXACT = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
-_PERSPECTIVE = (*_EXACT, "FULL_OPENCV")
 
 # Standard deviations of a camera file's values: what a factory or a hasty calibration leaves.
 _FILE_FOCAL = 0.01  # of the focal length
@@ -63,20 +61,20 @@ class View:
 
 
 def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
-    """The prior around an OPENCV camera."""
+    """The prior around a camera."""
     focal, centre, radial, tangential = (
         (_FREE_FOCAL, _FREE_CENTRE, _FREE_RADIAL, _FREE_TANGENTIAL)
         if free
         else (_FILE_FOCAL, _FILE_CENTRE, _FILE_RADIAL, _FILE_TANGENTIAL)
     )
-    fx, fy = camera.params[:2]
-    width = float(camera.width)
-    return IntrinsicsPrior(
-        params=camera.params[None],
-        sigmas=np.array(
-            [[focal * fx, focal * fy] + [centre * width] * 2 + [radial] * 2 + [tangential] * 2]
-        ),
-    )
+    lens, into = lens_of(camera), embedding(camera.model)
+    coefficients = np.full(8, radial)
+    if not lens.fisheye:
+        coefficients[2:4] = tangential
+    family = np.concatenate([focal * lens.focal, [centre * camera.width] * 2, coefficients])
+    sigmas, unknown = np.zeros(len(camera.params)), refinable(camera.model)
+    sigmas[unknown] = (into.T @ family / into.sum(axis=0))[unknown]
+    return IntrinsicsPrior(params=camera.params, sigmas=sigmas)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,15 +98,13 @@ class _Call:
         base_T_gripper: Array,
         start: State,
         *,
-        intrinsics: IntrinsicsPrior | None,
-        sigma_scale: Array | None = None,
+        intrinsics: Sequence[IntrinsicsPrior],
     ) -> Refinement:
         return refine(
             model,
             base_T_gripper,
             start,
             intrinsics=intrinsics,
-            sigma_scale=sigma_scale,
             noise=self.options.noise,
             options=self.options.graph,
             progress=self.progress,
@@ -131,37 +127,20 @@ def _refined(
     free: bool,
 ) -> View:
     """Refine with the intrinsics as unknowns, the prior around ``camera``."""
-    centre, misfit_px = fitted_opencv(camera)
-    if misfit_px > 0:
-        note += (
-            f" The graph refines the model OPENCV; the nearest to the given {camera.model} is "
-            f"{misfit_px:.2g} px (root mean square) away from it."
-        )
-    used, _ = fitted_opencv(model.camera)
-    start = start_state(model, used.params, linear)
-    prior = _prior(centre, free=free)
-    refinement = call.refine(model, base_T_gripper, start, intrinsics=prior)
+    used, _ = nearest(model.camera, camera)
+    refinement = call.refine(
+        model,
+        base_T_gripper,
+        start_state(model, [used], linear),
+        intrinsics=[_prior(camera, free=free)],
+    )
     return View(
         refinement=refinement,
-        camera=replace(centre, params=refinement.state.opencv_params[0]),
+        camera=refinement.state.cameras[0],
         refined=True,
-        std=np.sqrt(np.diag(refinement.intrinsics_covariance[0])),
+        std=np.sqrt(np.diag(refinement.intrinsics_covariances[0])),
         note=note,
     )
-
-
-def _kept(
-    model: SfmModel, base_T_gripper: Array, camera: CameraModel, linear: LinearStart, call: _Call
-) -> Refinement:
-    """Refine with the given intrinsics, exactly, whatever their model."""
-    if camera.model in _EXACT:
-        opencv, _ = fitted_opencv(camera)
-        start = start_state(model, opencv.params, linear)
-        return call.refine(model, base_T_gripper, start, intrinsics=None)
-    view, pixels, scale = pinhole_view(camera, model.tracks.pixels)
-    moved = replace(model, tracks=replace(model.tracks, pixels=pixels))
-    start = start_state(moved, np.concatenate([view.params, np.zeros(4)]), linear)
-    return call.refine(moved, base_T_gripper, start, intrinsics=None, sigma_scale=scale)
 
 
 def refine_views(
@@ -191,7 +170,7 @@ def refine_views(
         known: positions of the model's first points, the corners of a target; None: there are none.
 
     Raises:
-        InputDataError: the options ask to refine a camera model that cannot be refined.
+        InputDataError: the camera's model is unknown, or cannot be kept as it is.
         ReconstructionError, ConvergenceError: as ``refine``.
     """
     call = _Call(
@@ -226,17 +205,22 @@ def _with_intrinsics(
     if camera is None:
         note = "No camera file was given: the intrinsics were found from the images."
         return _refined(model, base_T_gripper, model.camera, linear, call, note=note, free=True)
-    wish = _possible(camera, call.options.graph.intrinsics)
+    wish = call.options.graph.intrinsics
     if wish in ("prior", "free"):
         note = f"The camera file's intrinsics were refined ({wish})."
         return _refined(model, base_T_gripper, camera, linear, call, note=note, free=wish == "free")
     if not covers_image(camera):
+        if wish == "fixed":
+            raise InputDataError(
+                f"the camera file's distortion ({camera.model}) folds the image over before its "
+                "corners, so pixels there have no line of sight; use --graph.intrinsics prior to "
+                "refine it, or calibrate the camera again"
+            )
         reason = "The camera file's distortion folds the image over before its corners"
     else:
-        kept = _kept(model, base_T_gripper, camera, linear, call)
-        contradiction = (
-            None if wish == "fixed" else _contradiction(base_T_gripper, camera, kept, call)
-        )
+        start = start_state(model, [camera], linear)
+        kept = call.refine(model, base_T_gripper, start, intrinsics=())
+        contradiction = None if wish == "fixed" else _contradiction(base_T_gripper, kept, call)
         if contradiction is None:
             return View(
                 refinement=kept,
@@ -250,37 +234,13 @@ def _with_intrinsics(
     return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
 
 
-def _possible(camera: CameraModel, wish: Intrinsics) -> Intrinsics:
-    """What can be done with a camera model of what the options ask for.
-
-    Raises:
-        InputDataError: nothing of it.
-    """
-    if camera.model not in _PERSPECTIVE:
-        if wish in ("prior", "free"):
-            raise InputDataError(
-                f"intrinsics of the model {camera.model} cannot be refined, only "
-                f"{', '.join(_PERSPECTIVE)} can; use --graph.intrinsics fixed"
-            )
-        wish = "fixed"
-    if wish == "fixed" and not covers_image(camera):
-        raise InputDataError(
-            f"the camera file's distortion ({camera.model}) folds the image over before its corners, "
-            "so pixels there have no line of sight; use --graph.intrinsics prior to refine it, or "
-            "calibrate the camera again"
-        )
-    return wish
-
-
-def _contradiction(
-    base_T_gripper: Array, camera: CameraModel, kept: Refinement, call: _Call
-) -> str | None:
+def _contradiction(base_T_gripper: Array, kept: Refinement, call: _Call) -> str | None:
     """In words how the images contradict kept intrinsics, or None if they do not."""
-    centre = kept.state.opencv_params[0]
-    prior = _prior(replace(camera, model="OPENCV", params=centre), free=False)
+    prior = _prior(kept.state.cameras[0], free=False)
     (pull,) = intrinsics_pull(
-        base_T_gripper, kept, prior, call.known, call.options.priors, inverted=call.inverted
+        base_T_gripper, kept, [prior], call.known, call.options.priors, inverted=call.inverted
     )
-    if pull <= _OVERDISPERSION * special.chdtri(len(centre), _CONTRADICTION):
+    count = len(prior.unknown)
+    if pull <= _OVERDISPERSION * special.chdtri(count, _CONTRADICTION):
         return None
-    return f"The images contradict the camera file (chi-square {pull:.0f} of {len(centre)})"
+    return f"The images contradict the camera file (chi-square {pull:.0f} of {count})"

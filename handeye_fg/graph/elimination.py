@@ -26,7 +26,7 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.reduced import Layout, Quadratic
 from handeye_fg.graph.reprojection import derivatives, errors
-from handeye_fg.graph.variables import CALIBRATION_DIM, State
+from handeye_fg.graph.variables import State
 from handeye_fg.types import Indices, Tracks
 
 # Observations in a batch: few, since each needs a kilobyte while the batch is at work, but no fewer than
@@ -167,25 +167,20 @@ def _whitened(batch: Batch, state: State, layout: Layout) -> _Whitened:
         batch.image,
         batch.point + batch.points.start,
         batch.pixels,
-        with_intrinsics=layout.with_intrinsics,
+        layout.intrinsics,
     )
     weight = 1.0 / batch.sigmas
     m, n = len(weight), layout.n_poses
     by_pose = (found.by_pose * weight[:, None, None])[batch.camera_order]
-    others = -(found.errors * weight[:, None]).reshape(-1, 1)
-    if found.by_calibration is not None:
-        by_calibration = found.by_calibration * weight[:, None, None]
-        camera = state.rig.camera[batch.image]
-        by_cameras = np.zeros((m, 2, layout.n_cameras, CALIBRATION_DIM))
-        by_cameras[np.arange(m), :, camera] = by_calibration
-        others = np.hstack([by_cameras.reshape(2 * m, len(layout.intrinsics_columns)), others])
+    others = np.concatenate([found.by_intrinsics, -found.errors[:, :, None]], axis=2)
+    others *= weight[:, None, None]
     return _Whitened(
         by_cameras=sparse.bsr_array(
             (by_pose.transpose(0, 2, 1).copy(), batch.camera_order, batch.camera_start),
             shape=(6 * n, 2 * m),
         ),
         by_point=found.by_point * weight[:, None, None],
-        others=others,
+        others=others.reshape(2 * m, len(layout.intrinsics_columns) + 1),
     )
 
 

@@ -14,7 +14,6 @@ from handeye_fg.graph.variables import (
     GRIPPER_T_CAMERA,
     LOG_SCALE,
     State,
-    calibration,
     camera_key,
     intrinsics_key,
     point_key,
@@ -26,7 +25,6 @@ from handeye_fg.types import KnownPoints
 
 Gauge = Literal["base", "first camera"]
 
-_SKEW_SIGMA = 1e-6  # no camera model of the files has a skew; GTSAM's always has one
 # Radians and metres; a millimetre off, it moves what is determined to 10 um by 1e-15 m.
 _WIDE = 10.0
 # Standard deviation, in units of the limits of observability, of X along directions that are kept.
@@ -161,13 +159,11 @@ def known_x_graph(priors: Sequence[Prior], unit: float = 1.0) -> gtsam.Nonlinear
     return graph
 
 
-def intrinsics_graph(opencv_params: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
-    """Prior on each camera's intrinsics (k, 8), standard deviations (k, 8); the skew stays zero."""
+def intrinsics_graph(camera: int, params: Array, sigmas: Array) -> gtsam.NonlinearFactorGraph:
+    """Prior on the unknown intrinsics (k,) of a camera with standard deviations (k,)."""
     graph = gtsam.NonlinearFactorGraph()
-    for k, (params, stds) in enumerate(zip(opencv_params, sigmas, strict=True)):
-        model = gtsam.noiseModel.Diagonal.Sigmas(np.insert(stds, 2, _SKEW_SIGMA))
-        factor = gtsam.PriorFactorCal3DS2(intrinsics_key(k), calibration(params), model)
-        graph.push_back(factor)
+    model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    graph.push_back(gtsam.PriorFactorVector(intrinsics_key(camera), params, model))
     return graph
 
 

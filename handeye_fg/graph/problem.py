@@ -27,15 +27,20 @@ from handeye_fg.types import KnownPoints, NoiseLevels
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IntrinsicsPrior:
-    """Intrinsics as unknowns with a prior.
+    """Intrinsics of a camera as unknowns with a prior.
 
     Attributes:
-        params: OPENCV parameters of each camera (k, 8), centre of the prior.
-        sigmas: standard deviations (k, 8).
+        params: centre (k,) of the prior, in the model of the state's camera.
+        sigmas: standard deviations (k,); where zero, the parameter stays as it is in the state.
     """
 
     params: Array
     sigmas: Array
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Which of the parameters are unknowns."""
+        return tuple(np.flatnonzero(self.sigmas).tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +56,7 @@ class Problem:
     gauge: gtsam.NonlinearFactorGraph
     base_T_gripper: Array
     trusted: NDArray[np.bool_]
-    intrinsics: IntrinsicsPrior | None
+    intrinsics: Sequence[IntrinsicsPrior]
     known: KnownPoints | None
     known_x: Sequence[Prior]
     pixel_unit_px: float
@@ -127,17 +132,18 @@ class Problem:
         steps = gtsam.VectorValues()
         for key in layout.keys:
             steps.insert(key, part * step[layout.columns(key)])
-        return moved(state, steps, part * linearised.point_steps(step))
+        return moved(state, steps, part * linearised.point_steps(step), layout.intrinsics)
 
     def _values(self, state: State) -> gtsam.Values:
         """The shared unknowns for GTSAM."""
         layout = self.layout
-        return to_values(state, with_intrinsics=layout.with_intrinsics, n_points=layout.n_known)
+        return to_values(state, intrinsics=layout.intrinsics, n_points=layout.n_known)
 
     def _priors(self) -> gtsam.NonlinearFactorGraph:
         graphs = [self.gauge, m.known_x_graph(self.known_x)]
-        if self.intrinsics is not None:
-            graphs.append(m.intrinsics_graph(self.intrinsics.params, self.intrinsics.sigmas))
+        for k, prior in enumerate(self.intrinsics):
+            if unknown := list(prior.unknown):
+                graphs.append(m.intrinsics_graph(k, prior.params[unknown], prior.sigmas[unknown]))
         if self.known is not None:
             graphs.append(m.known_points_graph(self.known))
         return m.joined(graphs)
@@ -147,7 +153,7 @@ def make_problem(
     kept: Kept,
     base_T_gripper: Array,
     gauge: m.Gauge,
-    intrinsics: IntrinsicsPrior | None,
+    intrinsics: Sequence[IntrinsicsPrior],
     known: KnownPoints | None,
     known_x: Sequence[Prior],
     trusted: NDArray[np.bool_] | None = None,
@@ -160,7 +166,7 @@ def make_problem(
         kept: values of the unknowns, and observations with their sigmas.
         base_T_gripper: reported robot poses (n, 4, 4), metres.
         gauge: what holds the world where there are no known points.
-        intrinsics: prior of the intrinsics; None to keep them fixed.
+        intrinsics: prior of each camera's intrinsics; empty to keep all fixed.
         known: known points; None where there are none.
         known_x: what is known of X beforehand.
         trusted: (n,) which of the robot poses are used; None: all.
@@ -183,7 +189,7 @@ def make_problem(
         layout=Layout(
             n_poses=len(state.world_T_camera),
             n_cameras=len(state.gripper_T_cameras),
-            with_intrinsics=intrinsics is not None,
+            intrinsics=tuple(prior.unknown for prior in intrinsics),
             n_known=n_known,
         ),
         inverted=inverted,

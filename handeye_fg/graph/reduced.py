@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from handeye_fg.frames import Array
 from handeye_fg.graph.variables import (
-    CALIBRATION_DIM,
-    shared_keys,
+    BASE_T_WORLD,
+    LOG_SCALE,
+    camera_key,
+    intrinsics_key,
+    point_key,
     x_key,
 )
 
@@ -28,13 +31,13 @@ class Layout:
     Attributes:
         n_poses: number of camera poses.
         n_cameras: number of cameras.
-        with_intrinsics: whether their intrinsics are unknowns.
+        intrinsics: which parameters of each camera are unknowns; empty: none.
         n_known: number of known points.
     """
 
     n_poses: int
     n_cameras: int = 1
-    with_intrinsics: bool
+    intrinsics: tuple[tuple[int, ...], ...] = ()
     n_known: int = 0
 
     @property
@@ -57,23 +60,23 @@ class Layout:
 
     @property
     def keys(self) -> list[int]:
-        """Keys of the shared unknowns, in their order."""
-        return shared_keys(
-            self.n_poses,
-            n_cameras=self.n_cameras,
-            with_intrinsics=self.with_intrinsics,
-            n_known=self.n_known,
-        )
+        """Keys of the shared unknowns, in their order: c, X, Z, l, K, known points."""
+        keys = [camera_key(i) for i in range(self.n_poses)]
+        keys += [x_key(k) for k in range(self.n_cameras)]
+        keys += [BASE_T_WORLD, LOG_SCALE]
+        keys += [intrinsics_key(k) for k, unknown in enumerate(self.intrinsics) if unknown]
+        return [*keys, *(point_key(j) for j in range(self.n_known))]
 
     def columns(self, key: int) -> NDArray[np.int64]:
         """Indices of an unknown's tangent, in GTSAM's order."""
         index = gtsam.symbolIndex(key)
+        sizes = [len(unknown) for unknown in self.intrinsics]
         first, size = {
             "c": (6 * index, 6),
             "x": (6 * (self.n_poses + index), 6),
             "z": (self._after_x, 6),
             "l": (self._after_x + 6, 1),
-            "k": (self.first_intrinsics + CALIBRATION_DIM * index, CALIBRATION_DIM),
+            "k": (self.first_intrinsics + sum(sizes[:index]), sum(sizes[index : index + 1])),
             "p": (self._first_point + 3 * index, 3),
         }[chr(gtsam.symbolChr(key))]
         return np.arange(first, first + size)
@@ -85,7 +88,7 @@ class Layout:
     @property
     def intrinsics_columns(self) -> NDArray[np.int64]:
         """Indices of the intrinsics of all cameras; none where they are fixed."""
-        n = CALIBRATION_DIM * self.n_cameras if self.with_intrinsics else 0
+        n = sum(map(len, self.intrinsics))
         return np.arange(self.first_intrinsics, self.first_intrinsics + n)
 
 

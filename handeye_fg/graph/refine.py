@@ -22,7 +22,7 @@ from handeye_fg.graph.variables import State, intrinsics_key
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
-from handeye_fg.types import KnownPoints, LinearStart, NoiseLevels, Rig, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, LinearStart, NoiseLevels, Rig, SfmModel
 
 # The first fit only tells which observations are mismatches: errors that are right to a part of 5e-4 do.
 _FIRST_TOLERANCE = 1e-3
@@ -37,13 +37,13 @@ _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
 
 def start_state(
-    model: SfmModel, opencv_params: Array, linear: LinearStart, rig: Rig | None = None
+    model: SfmModel, cameras: Sequence[CameraModel], linear: LinearStart, rig: Rig | None = None
 ) -> State:
-    """The SfM model and the linear start as first values.
+    """The SfM model, the intrinsics and the linear start as first values.
 
     Args:
         model: the SfM model.
-        opencv_params: of each camera (k, 8), or those of the only one (8,).
+        cameras: intrinsics of each camera.
         linear: the linear start.
         rig: which camera took an image of the model, and where; None: one camera.
 
@@ -59,7 +59,7 @@ def start_state(
         gripper_T_cameras=linear.gripper_T_camera @ others,
         base_T_world=linear.base_T_world,
         log_scale=float(np.log(linear.metres_per_world_unit)),
-        opencv_params=np.atleast_2d(opencv_params),
+        cameras=tuple(cameras),
         rig=rig or Rig.of_one_camera(len(model.names)),
     )
     return state if is_plain(state.rig) else first_camera_poses(state, model.world_T_camera)
@@ -67,7 +67,8 @@ def start_state(
 
 def _require_finite(start: State) -> None:
     """Refuse values that GTSAM would return unchanged and in silence."""
-    values = (getattr(start, field.name) for field in fields(start) if field.name != "rig")
+    names = {field.name for field in fields(start)} - {"rig", "cameras"}
+    values = [getattr(start, name) for name in names] + [camera.params for camera in start.cameras]
     if not all(np.isfinite(value).all() for value in values):
         raise ConvergenceError(
             "the joint refinement cannot start: the reconstruction or the linear start has values "
@@ -205,13 +206,13 @@ def _stepped(
 def intrinsics_pull(
     base_T_gripper: Array,
     kept: Refinement,
-    prior: IntrinsicsPrior,
+    prior: Sequence[IntrinsicsPrior],
     known: KnownPoints | None = None,
     known_x: Sequence[Prior] = (),
     *,
     inverted: bool = False,
 ) -> Array:
-    """How far the images would move each camera's intrinsics that were kept: chi-squares (k,) of 8.
+    """How far the images would move each camera's intrinsics that were kept: chi-squares (k,).
 
     It is the score test: one linear step from the optimum with the intrinsics as unknowns, against
     the covariance of that step.
@@ -219,7 +220,7 @@ def intrinsics_pull(
     Args:
         base_T_gripper: reported robot poses (n, 4, 4), metres.
         kept: the optimum with the intrinsics at the centre of ``prior``.
-        prior: of the intrinsics, wide.
+        prior: of each camera's intrinsics, wide; each unknown adds one to the expectation.
         known: known points, as in the refinement.
         known_x: what is known of X beforehand, likewise.
         inverted: the robot poses are gripper_T_base.
@@ -244,7 +245,7 @@ def intrinsics_pull(
     solution = estimate_noise(problem.linearised(kept.state), kept.noise, NoiseOptions())
     return np.array(
         [
-            _pull(solution, np.delete(problem.layout.columns(intrinsics_key(k)), 2))
+            _pull(solution, problem.layout.columns(intrinsics_key(k)))
             for k in range(problem.layout.n_cameras)
         ]
     )
@@ -265,7 +266,7 @@ def refine(
     base_T_gripper: Array,
     start: State,
     *,
-    intrinsics: IntrinsicsPrior | None,
+    intrinsics: Sequence[IntrinsicsPrior],
     sigma_scale: Array | None = None,
     noise: NoiseOptions,
     options: GraphOptions,
@@ -282,8 +283,8 @@ def refine(
     Args:
         model: tracks, and the SfM poses that define the world's unit.
         base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of ``start.rig``.
-        start: first values; its ``opencv_params`` describe the view in which the tracks are.
-        intrinsics: prior of the intrinsics, None to keep them fixed.
+        start: first values; its cameras are those that see the tracks.
+        intrinsics: prior of each camera's intrinsics; empty to keep all fixed.
         sigma_scale: relative standard deviation (m,) of each observation; None: all the same.
         noise: the levels that the user knows.
         options: of the optimiser.

@@ -37,7 +37,7 @@ class Refinement:
         log_scale_std: standard deviation of ``state.log_scale``, the noise levels taken as known.
         base_T_camera: refined camera poses of the images (n, 4, 4), metres.
         base_T_world: the SfM model's world in the base, metres.
-        intrinsics_covariance: (k, 8, 8) of ``state.opencv_params``; zeros where fixed.
+        intrinsics_covariances: for each camera that of its parameters; zeros where fixed.
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
         degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
@@ -65,7 +65,7 @@ class Refinement:
     log_scale_std: float
     base_T_camera: Array
     base_T_world: Array
-    intrinsics_covariance: Array
+    intrinsics_covariances: tuple[Array, ...]
     noise: NoiseLevels
     redundancy: tuple[float, float, float, float]
     degrees_of_freedom: float
@@ -171,11 +171,6 @@ def summarise(
     )
     covariance = found.inflation * found.solution.covariance
     first_T_cameras = frames.inverse(state.gripper_T_camera) @ state.gripper_T_cameras
-    intrinsics_covariance = np.zeros((layout.n_cameras, 8, 8))
-    if layout.with_intrinsics:
-        for k in range(layout.n_cameras):
-            columns = np.delete(layout.columns(intrinsics_key(k)), 2)  # without the skew
-            intrinsics_covariance[k] = covariance[np.ix_(columns, columns)]
     return Refinement(
         state=state,
         tracks=tracks,
@@ -188,7 +183,9 @@ def summarise(
         log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
         base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
-        intrinsics_covariance=intrinsics_covariance,
+        intrinsics_covariances=tuple(
+            _intrinsics_covariance(state, layout, covariance, k) for k in range(layout.n_cameras)
+        ),
         noise=solution.noise,
         redundancy=solution.redundancy,
         degrees_of_freedom=found.degrees_of_freedom,
@@ -200,6 +197,16 @@ def summarise(
         iterations=iterations,
         converged=converged,
     )
+
+
+def _intrinsics_covariance(state: State, layout: Layout, covariance: Array, camera: int) -> Array:
+    """Covariance of all parameters of a camera, from that of the shared unknowns."""
+    n_params = len(state.cameras[camera].params)
+    result, columns = np.zeros((n_params, n_params)), layout.columns(intrinsics_key(camera))
+    if len(columns):
+        unknown = list(layout.intrinsics[camera])
+        result[np.ix_(unknown, unknown)] = covariance[np.ix_(columns, columns)]
+    return result
 
 
 def _relative_covariances(first_T_cameras: Array, layout: Layout, covariance: Array) -> Array:

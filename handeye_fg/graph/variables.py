@@ -6,7 +6,8 @@ intrinsics K_k of each camera where they are refined. The first points may be kn
 target.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -14,12 +15,11 @@ from gtsam.symbol_shorthand import C, K, L, P, X, Z
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.types import Rig
+from handeye_fg.types import CameraModel, Rig
 
 GRIPPER_T_CAMERA = X(0)  # of the first camera
 BASE_T_WORLD = Z(0)
 LOG_SCALE = L(0)
-CALIBRATION_DIM = 9  # tangent size of Cal3DS2: fx, fy, skew, cx, cy, k1, k2, p1, p2
 
 camera_key = C
 point_key = P
@@ -38,7 +38,7 @@ class State:
         gripper_T_cameras: X of each camera (k, 4, 4), metres.
         base_T_world: Z (4, 4), metres.
         log_scale: ln(metres_per_world_unit).
-        opencv_params: (k, 8), for each camera fx, fy, cx, cy, k1, k2, p1, p2.
+        cameras: intrinsics of each camera, of any model of ``handeye_fg.lens``.
         rig: which camera took an image, and at which robot pose.
     """
 
@@ -47,7 +47,7 @@ class State:
     gripper_T_cameras: Array
     base_T_world: Array
     log_scale: float
-    opencv_params: Array
+    cameras: tuple[CameraModel, ...]
     rig: Rig
 
     @property
@@ -56,14 +56,16 @@ class State:
         return np.asarray(self.gripper_T_cameras[0])
 
 
-def calibration(opencv_params: Array) -> gtsam.Cal3DS2:
-    """COLMAP's OPENCV parameters (8,) as GTSAM's model, which is the same."""
-    fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in opencv_params)
-    return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, k1, k2, p1, p2)
+def to_values(
+    state: State, *, intrinsics: Sequence[Sequence[int]] = (), n_points: int | None = None
+) -> gtsam.Values:
+    """The state as ``gtsam.Values``.
 
-
-def to_values(state: State, *, with_intrinsics: bool, n_points: int | None = None) -> gtsam.Values:
-    """The state, with its first ``n_points`` points (None: all), as ``gtsam.Values``."""
+    Args:
+        state: the values.
+        intrinsics: which parameters of each camera are unknowns; empty: none.
+        n_points: so many points; None: all.
+    """
     values = gtsam.Values()
     for i, matrix in enumerate(state.world_T_camera):
         values.insert(camera_key(i), gtsam.Pose3(matrix))
@@ -73,9 +75,9 @@ def to_values(state: State, *, with_intrinsics: bool, n_points: int | None = Non
         values.insert(x_key(k), gtsam.Pose3(matrix))
     values.insert(BASE_T_WORLD, gtsam.Pose3(state.base_T_world))
     values.insert(LOG_SCALE, float(state.log_scale))
-    if with_intrinsics:
-        for k, params in enumerate(state.opencv_params):
-            values.insert(intrinsics_key(k), calibration(params))
+    for k, unknown in enumerate(intrinsics):
+        if len(unknown):
+            values.insert(intrinsics_key(k), state.cameras[k].params[list(unknown)])
     return values
 
 
@@ -84,34 +86,30 @@ def matrix_of(pose: gtsam.Pose3) -> Array:
     return frames.pose(frames.orthonormalised(pose.rotation().matrix()), pose.translation())
 
 
-def shared_keys(
-    n_poses: int, *, n_cameras: int = 1, with_intrinsics: bool, n_known: int = 0
-) -> list[int]:
-    """All keys but the unknown points', in the order of the reduced system: c, X, Z, l, K, known."""
-    keys = [camera_key(i) for i in range(n_poses)]
-    keys += [x_key(k) for k in range(n_cameras)]
-    keys += [BASE_T_WORLD, LOG_SCALE]
-    keys += [intrinsics_key(k) for k in range(n_cameras)] if with_intrinsics else []
-    return [*keys, *(point_key(j) for j in range(n_known))]
-
-
-def moved(state: State, steps: gtsam.VectorValues, point_steps: Array) -> State:
+def moved(
+    state: State,
+    steps: gtsam.VectorValues,
+    point_steps: Array,
+    intrinsics: Sequence[Sequence[int]] = (),
+) -> State:
     """The state after a step.
 
     Args:
         state: where the step starts.
         steps: tangents by key, of the cameras, X, Z, the scale and what else is an unknown but for the
-            unknown points; the intrinsics stay without skew.
+            unknown points.
         point_steps: of the last points (p, 3), which are the unknown ones.
+        intrinsics: which parameters of each camera are unknowns; empty: none.
     """
     n_cameras = len(state.gripper_T_cameras)
-    with_intrinsics = steps.exists(intrinsics_key(0))
     n_known = len(state.points_world) - len(point_steps)
-    values = to_values(state, with_intrinsics=with_intrinsics, n_points=n_known).retract(steps)
-    params = state.opencv_params
-    if with_intrinsics:
-        models = [values.atCal3DS2(intrinsics_key(k)) for k in range(n_cameras)]
-        params = np.delete(np.array([model.vector() for model in models]), 2, axis=1)
+    values = to_values(state, intrinsics=intrinsics, n_points=n_known).retract(steps)
+    cameras = list(state.cameras)
+    for k, unknown in enumerate(intrinsics):
+        if len(unknown):
+            params = cameras[k].params.copy()
+            params[list(unknown)] = values.atVector(intrinsics_key(k))
+            cameras[k] = replace(cameras[k], params=params)
     poses = [matrix_of(values.atPose3(camera_key(i))) for i in range(len(state.world_T_camera))]
     known = [values.atPoint3(point_key(j)) for j in range(n_known)]
     return State(
@@ -122,6 +120,6 @@ def moved(state: State, steps: gtsam.VectorValues, point_steps: Array) -> State:
         gripper_T_cameras=np.array([matrix_of(values.atPose3(x_key(k))) for k in range(n_cameras)]),
         base_T_world=matrix_of(values.atPose3(BASE_T_WORLD)),
         log_scale=float(values.atDouble(LOG_SCALE)),
-        opencv_params=params,
+        cameras=tuple(cameras),
         rig=state.rig,
     )

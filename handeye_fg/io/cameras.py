@@ -26,6 +26,7 @@ _LENGTHS = {
     "fisheye": (4,),
     "": (0, 4, 5, 8, 12, 14),
 }
+_FEWEST = 4  # coefficients of a distortion model that has any
 _LARGEST_SIDE = 100_000
 _REMEDY = "correct the camera file"
 
@@ -33,8 +34,8 @@ _REMEDY = "correct the camera file"
 def read_camera(path: Path) -> CameraModel:
     """Read the intrinsics of a ROS camera_info or an OpenCV FileStorage YAML file.
 
-    Distortion is mapped without loss: none to PINHOLE, k1 k2 p1 p2 to OPENCV, up to k6 to
-    FULL_OPENCV, equidistant (fisheye) to OPENCV_FISHEYE. A file that names no distortion model has
+    Distortion is mapped without loss: none to PINHOLE, k1 k2 p1 p2 to OPENCV (zeros as well: they can be
+    refined), up to k6 to FULL_OPENCV, equidistant (fisheye) to OPENCV_FISHEYE. A file that names no distortion model has
     OpenCV's standard one. In the file the centre of the first pixel is at (0, 0), in the returned
     model at (0.5, 0.5).
 
@@ -149,7 +150,8 @@ def _distortion(fields: Fields) -> tuple[str, list[float]]:
     numbers = _numbers(fields, key)
     fisheye = name in ("equidistant", "fisheye")
     if not fisheye and not numbers.any():
-        return "PINHOLE", []
+        has_terms = name != "none" and len(numbers) >= _FEWEST
+        return ("OPENCV", [0.0] * _FEWEST) if has_terms else ("PINHOLE", [])
     if len(numbers) not in _LENGTHS[name]:
         counts = " or ".join(str(n) for n in _LENGTHS[name])
         raise fields.error(

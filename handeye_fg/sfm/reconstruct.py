@@ -193,8 +193,8 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
 
 
 def _refinable(camera: CameraModel | None) -> CameraModel | None:
-    """The camera as OPENCV, whose 8 parameters images determine; fisheye cameras as they are."""
-    if camera is None or camera.model == "OPENCV_FISHEYE":
+    """The camera in its own model, but FULL_OPENCV as OPENCV: images do not determine all its 12."""
+    if camera is None or camera.model != "FULL_OPENCV":
         return camera
     return fitted_opencv(camera)[0]
 

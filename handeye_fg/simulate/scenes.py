@@ -12,6 +12,7 @@ from typing import Literal, assert_never
 import numpy as np
 
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
+from handeye_fg.lens import lens_of
 from handeye_fg.types import CameraModel, Indices, NoiseLevels, RobotPoses, SfmModel, Tracks
 
 Motion = Literal["general", "one_axis", "pure_translation", "pure_rotation"]
@@ -99,32 +100,12 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
     """Pixels (..., 2) of points (..., 3) in the camera frame, in front of the camera.
 
     Args:
-        camera: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV.
+        camera: of any model of ``handeye_fg.lens``.
         points_camera: coordinates in any unit of length; the optical axis is z.
-
-    Raises:
-        ValueError: the camera model is another one.
     """
-    fx, fy, cx, cy, k1, k2, p1, p2 = _opencv_params(camera)
-    x, y = np.moveaxis(points_camera[..., :2] / points_camera[..., 2:], -1, 0)
-    r2 = x**2 + y**2
-    radial = 1.0 + r2 * (k1 + r2 * k2)
-    u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2)
-    v = y * radial + p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y
-    return np.stack([fx * u + cx, fy * v + cy], axis=-1)
-
-
-def _opencv_params(camera: CameraModel) -> tuple[float, ...]:
-    """The camera as fx, fy, cx, cy, k1, k2, p1, p2."""
-    params = tuple(float(value) for value in camera.params)
-    match camera.model:
-        case "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL":
-            f, cx, cy, *radial = params
-            return (f, f, cx, cy, *radial, *(0.0,) * (4 - len(radial)))
-        case "PINHOLE" | "OPENCV":
-            return params + (0.0,) * (8 - len(params))
-        case _:
-            raise ValueError(f"simulate cannot project with {camera.model=}")
+    normalised = points_camera[..., :2] / points_camera[..., 2:]
+    pixels = lens_of(camera).pixels(*normalised.reshape(-1, 2).T)
+    return pixels.reshape(normalised.shape)
 
 
 def simulate_scene(
@@ -342,7 +323,7 @@ def _observed(
     safe = np.where(in_front[..., None], points_camera, [0.0, 0.0, 1.0])
     pixels = project(camera, safe)
     size = np.array([camera.width, camera.height])
-    fx, fy = _opencv_params(camera)[:2]
+    fx, fy = lens_of(camera).focal
     corner = math.hypot(camera.width / fx, camera.height / fy) / 2.0
     near_axis = np.hypot(safe[..., 0], safe[..., 1]) < FOLD_GUARD * corner * safe[..., 2]
     inside = np.all((pixels >= 0.0) & (pixels <= size), axis=-1)

@@ -40,8 +40,8 @@ def draw(seed, *, inverted):
     result = refine(
         scene.model,
         reported,
-        start_state(scene.model, scene.camera.params, linear),
-        intrinsics=None,
+        start_state(scene.model, [scene.camera], linear),
+        intrinsics=(),
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,

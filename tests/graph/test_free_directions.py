@@ -27,8 +27,8 @@ def fit(scene, priors=()):
     return linear, refine(
         scene.model,
         scene.robot_poses.base_T_gripper,
-        start_state(scene.model, scene.camera.params, linear),
-        intrinsics=None,
+        start_state(scene.model, [scene.camera], linear),
+        intrinsics=(),
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,

@@ -72,8 +72,8 @@ def fit(model, known, reported):
     return refine(
         model,
         reported,
-        start_state(model, model.camera.params, linear),
-        intrinsics=None,
+        start_state(model, [model.camera], linear),
+        intrinsics=(),
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,

@@ -24,11 +24,9 @@ from handeye_fg.solvers import linear_start
 from handeye_fg.types import Tracks
 
 
-def fit(
-    scene, *, params=None, intrinsics=None, noise=None, gauge="base", iterations=100, **changes
-):
+def fit(scene, *, camera=None, intrinsics=(), noise=None, gauge="base", iterations=100, **changes):
     linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
-    start = start_state(scene.model, scene.camera.params if params is None else params, linear)
+    start = start_state(scene.model, [camera or scene.camera], linear)
     return refine(
         scene.model,
         scene.robot_poses.base_T_gripper,
@@ -107,7 +105,7 @@ def test_covariance_agrees_with_the_dense_information_matrix(reprojection_graph)
             reprojection_graph(
                 result.tracks,
                 np.full(len(result.tracks.pixels), noise.pixel),
-                state.opencv_params,
+                state.cameras,
                 with_intrinsics=False,
             ),
             m.robot_graph(
@@ -117,7 +115,7 @@ def test_covariance_agrees_with_the_dense_information_matrix(reprojection_graph)
             m.gauge_graph(state, "base"),
         ]
     )
-    values = to_values(state, with_intrinsics=False)
+    values = to_values(state)
     order = gtsam.Ordering()
     for key in [GRIPPER_T_CAMERA, *(k for k in values.keys() if k != GRIPPER_T_CAMERA)]:
         order.push_back(key)
@@ -170,10 +168,12 @@ def test_intrinsics_are_refined_with_honest_deviations():
     sigmas = np.array([20.0, 20.0, 15.0, 15.0, 0.1, 0.1, 0.01, 0.01])
     start = truth + np.array([8.0, 9.0, -6.0, 5.0, 0.02, -0.02, 1e-3, -1e-3])
     result = fit(
-        scene, params=start, intrinsics=IntrinsicsPrior(params=start[None], sigmas=sigmas[None])
+        scene,
+        camera=replace(scene.camera, params=start),
+        intrinsics=[IntrinsicsPrior(params=start, sigmas=sigmas)],
     )
-    e = result.state.opencv_params[0] - truth
-    assert e @ np.linalg.solve(result.intrinsics_covariance[0], e) < stats.chi2.isf(1e-3, 8)
+    e = result.state.cameras[0].params - truth
+    assert e @ np.linalg.solve(result.intrinsics_covariances[0], e) < stats.chi2.isf(1e-3, 8)
     assert nees(result, scene) < stats.chi2.isf(1e-3, 6)
     fixed = fit(scene)
     grown = np.diag(result.observability.covariance) - np.diag(fixed.observability.covariance)
@@ -225,7 +225,7 @@ def test_gtsams_own_optimiser_stays_at_the_optimum(reprojection_graph):
     sigmas = np.full(len(result.tracks.pixels), noise.pixel)
     graph = m.joined(
         [
-            reprojection_graph(result.tracks, sigmas, state.opencv_params, with_intrinsics=False),
+            reprojection_graph(result.tracks, sigmas, state.cameras, with_intrinsics=False),
             m.robot_graph(
                 scene.robot_poses.base_T_gripper,
                 m.pose_sigmas(noise.robot_rotation, noise.robot_translation),
@@ -236,7 +236,7 @@ def test_gtsams_own_optimiser_stays_at_the_optimum(reprojection_graph):
     params = gtsam.LevenbergMarquardtParams()
     params.setRelativeErrorTol(1e-12)
     params.setAbsoluteErrorTol(1e-12)
-    values = to_values(state, with_intrinsics=False)
+    values = to_values(state)
     X = (
         gtsam.LevenbergMarquardtOptimizer(graph, values, params)
         .optimize()
@@ -265,10 +265,10 @@ def linearised():
     scene = simulate_scene(np.random.default_rng(13), n_images=6, n_points=60)
     reported = scene.robot_poses.base_T_gripper
     linear = linear_start(reported, scene.model.world_T_camera)
-    state = start_state(scene.model, scene.camera.params, linear)
+    state = start_state(scene.model, [scene.camera], linear)
     tracks = scene.model.tracks
     kept = without_mismatches(state, tracks, np.ones(len(tracks.pixels)))
-    problem = make_problem(kept, reported, "base", None, None, ())
+    problem = make_problem(kept, reported, "base", (), None, ())
     start = problem.linearised(kept.state)
     return problem, kept.state, start, estimate_noise(start, scene.noise, NoiseOptions())
 

@@ -14,18 +14,18 @@ from handeye_fg.graph.reduced import Layout
 from handeye_fg.graph.reprojection import derivatives, reprojection_errors
 from handeye_fg.graph.variables import (
     State,
-    calibration,
     camera_key,
     intrinsics_key,
     moved,
     point_key,
-    shared_keys,
     to_values,
 )
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.types import Rig, Tracks
+from handeye_fg.types import CameraModel, Rig, Tracks
 
 N_IMAGES = 4
+ALL = (tuple(range(8)),)  # the unknown parameters of an OPENCV camera
+SKEW = 11  # column of GTSAM's Jacobian by pose, point and calibration
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def state_and_tracks():
         gripper_T_cameras=np.eye(4)[None],
         base_T_world=np.eye(4),
         log_scale=0.0,
-        opencv_params=params[None],
+        cameras=(CameraModel(model="OPENCV", width=1280, height=960, params=params),),
         rig=Rig.of_one_camera(len(cameras)),
     ), tracks
 
@@ -64,68 +64,92 @@ def in_front(tracks):
 
 
 @pytest.mark.parametrize("with_intrinsics", [False, True])
-def test_errors_and_derivatives_are_gtsams(state_and_tracks, reprojection_graph, with_intrinsics):
+def test_errors_and_derivatives_are_gtsams(
+    state_and_tracks, reprojection_graph, reprojection_values, with_intrinsics
+):
     state, tracks = state_and_tracks
     ones = np.ones(len(tracks.pixels))
-    graph = reprojection_graph(tracks, ones, state.opencv_params, with_intrinsics=with_intrinsics)
-    values = to_values(state, with_intrinsics=with_intrinsics)
-    found = derivatives(
-        state,
-        tracks.image_index,
-        tracks.point_index,
-        tracks.pixels,
-        with_intrinsics=with_intrinsics,
-    )
-    blocks = [found.by_pose, found.by_point]
-    if with_intrinsics:
-        blocks.append(found.by_calibration)
-    jacobians = np.concatenate(blocks, axis=2)
+    graph = reprojection_graph(tracks, ones, state.cameras, with_intrinsics=with_intrinsics)
+    values = reprojection_values(state, with_intrinsics=with_intrinsics)
+    where = (tracks.image_index, tracks.point_index, tracks.pixels)
+    found = derivatives(state, *where, ALL if with_intrinsics else ())
+    jacobians = np.concatenate([found.by_pose, found.by_point, found.by_intrinsics], axis=2)
     last = graph.size() - 1
     for k in range(graph.size()):
         expected, right = graph.at(k).linearize(values).jacobian()
+        if with_intrinsics:
+            expected = np.delete(expected, SKEW, axis=1)
         np.testing.assert_allclose(jacobians[k], expected, rtol=1e-9, atol=1e-7)
         if k < last or not with_intrinsics:  # with intrinsics, GTSAM lets points behind go free
             np.testing.assert_allclose(found.errors[k], -right.ravel(), atol=1e-8)
     assert np.isnan(reprojection_errors(state, tracks)[last]).all()
-    np.testing.assert_array_equal(found.errors[last], 2.0 * state.opencv_params[0, 0])
+    np.testing.assert_array_equal(found.errors[last], 2.0 * state.cameras[0].params[0])
     np.testing.assert_array_equal(jacobians[last], 0.0)
 
 
-def test_derivatives_by_differences_and_slope(state_and_tracks):
+@pytest.mark.parametrize(
+    ("model", "params", "unknown"),
+    [
+        ("SIMPLE_RADIAL", [1100.0, 645.0, 475.0, -0.2], (0, 1, 2, 3)),
+        ("RADIAL", [1100.0, 645.0, 475.0, -0.2, 0.1], (0, 1, 2, 3, 4)),
+        (
+            "FULL_OPENCV",
+            [1100.0, 1050.0, 645.0, 475.0, -0.2, 0.1, 0.004, -0.003, 0.05, 0.1, -0.02, 0.03],
+            (0, 1, 2, 3, 4, 5, 6, 7, 8),
+        ),
+        (
+            "OPENCV_FISHEYE",
+            [1100.0, 1050.0, 645.0, 475.0, -0.02, 0.01, 0.004, -0.003],
+            (0, 2, 4, 5, 6, 7),
+        ),
+    ],
+)
+def test_derivatives_by_differences_and_slope(state_and_tracks, model, params, unknown):
     state, tracks = state_and_tracks
-    pixel = tracks.pixels[:1]
+    pixel, params = tracks.pixels[:1], np.array(params)
+    size = len(unknown)
 
-    def residual(world_T_camera, point, cal, *, jacobian):
+    def residual(world_T_camera, point, intrinsics, *, jacobian):
+        at = params.copy()
+        at[list(unknown)] = intrinsics
         here = replace(
             state,
             world_T_camera=world_T_camera.matrix()[None],
             points_world=np.asarray(point)[None],
-            opencv_params=np.delete(np.asarray(cal.vector()), 2)[None],
+            cameras=(CameraModel(model=model, width=1280, height=960, params=at),),
         )
         zero = np.zeros(1, dtype=int)
-        found = derivatives(here, zero, zero, pixel, with_intrinsics=True)
-        # GTSAM's skew, which is left out of the parameters, moves u by v.
-        skew = np.array([cal.skew() * found.by_calibration[0, 0, 2], 0.0])
-        blocks = (found.by_pose[0], found.by_point[0], found.by_calibration[0])
-        return found.errors[0] + skew, blocks if jacobian else ()
+        found = derivatives(here, zero, zero, pixel, [unknown])
+        blocks = (found.by_pose[0], found.by_point[0], found.by_intrinsics[0])
+        return found.errors[0], blocks if jacobian else ()
 
-    point, cal = Kind(lambda v, key: v.atPoint3(key), 3), Kind(lambda v, key: v.atCal3DS2(key), 9)
+    point = Kind(lambda v, key: v.atPoint3(key), 3)
+    vector = Kind(lambda v, key: v.atVector(key), size)
     camera, where = tracks.image_index[0], tracks.point_index[0]
-    keys = (pose_key(camera_key(camera)), Key(point_key(where), point), Key(intrinsics_key(0), cal))
+    keys = (
+        pose_key(camera_key(camera)),
+        Key(point_key(where), point),
+        Key(intrinsics_key(0), vector),
+    )
     factor = checked_factor(keys, gtsam.noiseModel.Isotropic.Sigma(2, 1.0), residual)
-    values = to_values(state, with_intrinsics=True)
+    at = replace(state, cameras=(CameraModel(model=model, width=1280, height=960, params=params),))
+    values = to_values(at, intrinsics=[unknown])
     # Derivatives by the distortion are in the thousands, so are those by the pose.
-    assert_jacobians_match(factor, values, [6, 3, 9])
+    assert_jacobians_match(factor, values, [6, 3, size])
     rng = np.random.default_rng(1)
     distance = np.linalg.norm(state.points_world[where] - state.world_T_camera[camera, :3, 3])
-    size = np.repeat([1.0, distance, 1.0, 0.0, 0.1], [3, 6, 2, 1, 6])
-    slope = taylor_slope(factor, values, [6, 3, 9], size * rng.uniform(0.2, 0.5, 18))
+    steps = np.concatenate(
+        [np.repeat([1.0, distance], [3, 6]), np.where(params[list(unknown)] > 1.0, 1.0, 0.1)]
+    )
+    slope = taylor_slope(factor, values, [6, 3, size], steps * rng.uniform(0.2, 0.5, 9 + size))
     assert slope == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("with_intrinsics", [False, True])
 @pytest.mark.parametrize("n_known", [0, 5])
-def test_the_elimination_is_gtsams(state_and_tracks, reprojection_graph, with_intrinsics, n_known):
+def test_the_elimination_is_gtsams(
+    state_and_tracks, reprojection_graph, reprojection_values, with_intrinsics, n_known
+):
     state, tracks = state_and_tracks
     tracks = in_front(tracks)
     state = replace(state, points_world=tracks.points_world)
@@ -138,7 +162,8 @@ def test_the_elimination_is_gtsams(state_and_tracks, reprojection_graph, with_in
         pixels=tracks.pixels[again] + 0.1,
     )
     sigmas = np.random.default_rng(2).uniform(0.5, 2.0, len(tracks.pixels))
-    layout = Layout(n_poses=N_IMAGES, with_intrinsics=with_intrinsics, n_known=n_known)
+    unknown = ALL if with_intrinsics else ()
+    layout = Layout(n_poses=N_IMAGES, intrinsics=unknown, n_known=n_known)
     parts = batches(tracks, sigmas, N_IMAGES, n_known)
     assert len(parts) > 1
     found = eliminate(parts, state, layout)
@@ -150,22 +175,23 @@ def test_the_elimination_is_gtsams(state_and_tracks, reprojection_graph, with_in
         point_index=tracks.point_index[scene],
         pixels=tracks.pixels[scene],
     )
-    graph = reprojection_graph(
-        seen, sigmas[scene], state.opencv_params, with_intrinsics=with_intrinsics
-    )
-    values = to_values(state, with_intrinsics=with_intrinsics)
+    graph = reprojection_graph(seen, sigmas[scene], state.cameras, with_intrinsics=with_intrinsics)
+    values = reprojection_values(state, with_intrinsics=with_intrinsics)
     linear = graph.linearize(values)
     points = gtsam.Ordering()
     for j in range(n_known, len(tracks.points_world)):
         points.push_back(point_key(j))
     bayes_tree, rest = linear.eliminatePartialMultifrontal(points)
     shared = gtsam.Ordering()
-    columns = []
-    for key in shared_keys(N_IMAGES, with_intrinsics=with_intrinsics):
+    columns, skew = [], []
+    for key in layout.keys:
         if key in set(rest.keyVector()):
             shared.push_back(key)
+            skew = [len(columns) + 2] if key == intrinsics_key(0) else skew
             columns.extend(layout.columns(key))
+    # Without the skew that GTSAM's camera has.
     expected = np.asarray(rest.augmentedHessian(shared))
+    expected = np.delete(np.delete(expected, skew, axis=0), skew, axis=1)
     hessian = found.quadratic.hessian
     scale = np.abs(expected).max()
     np.testing.assert_allclose(
@@ -187,7 +213,8 @@ def test_the_elimination_is_gtsams(state_and_tracks, reprojection_graph, with_in
         order.push_back(key)
     jacobian, right = linear.jacobian(order)
     n_rows = 3 * (len(tracks.points_world) - n_known)
-    by_points, by_shared = jacobian[:, :n_rows], jacobian[:, n_rows:]
+    by_points = jacobian[:, :n_rows]
+    by_shared = np.delete(jacobian[:, n_rows:], skew, axis=1)
     best = np.linalg.lstsq(by_points, right.ravel() - by_shared @ step[columns])[0]
     np.testing.assert_allclose(found.point_steps(step).ravel(), best, rtol=1e-6, atol=1e-9)
     assert bayes_tree.size() > 0
@@ -204,23 +231,24 @@ def shared_of(ordering):
 def test_a_point_that_no_camera_determines_is_refused(state_and_tracks):
     state, tracks = state_and_tracks
     parts = batches(tracks, np.ones(len(tracks.pixels)), N_IMAGES, 0)
-    layout = Layout(n_poses=N_IMAGES, with_intrinsics=False)
+    layout = Layout(n_poses=N_IMAGES)
     with pytest.raises(ConvergenceError, match="a scene point is not determined"):
         eliminate(parts, state, layout)
 
 
 def test_a_step_moves_every_unknown(state_and_tracks):
     state, _ = state_and_tracks
+    layout = Layout(n_poses=N_IMAGES, intrinsics=((0, 5),), n_known=2)
     steps = gtsam.VectorValues()
-    for key in shared_keys(N_IMAGES, with_intrinsics=True, n_known=2):
+    for key in layout.keys:
         kind = chr(gtsam.symbolChr(key))
-        steps.insert(key, np.full({"l": 1, "k": 9, "p": 3}.get(kind, 6), 0.01))
+        steps.insert(key, np.full({"l": 1, "k": 2, "p": 3}.get(kind, 6), 0.01))
     n_unknown = len(state.points_world) - 2
-    found = moved(state, steps, np.full((n_unknown, 3), 0.02))
+    found = moved(state, steps, np.full((n_unknown, 3), 0.02), layout.intrinsics)
     assert found.log_scale == 0.01
     np.testing.assert_allclose(found.points_world[:2], state.points_world[:2] + 0.01)
     np.testing.assert_allclose(found.points_world[2:], state.points_world[2:] + 0.02)
-    np.testing.assert_allclose(found.opencv_params, state.opencv_params + 0.01)
+    expected = state.cameras[0].params + np.array([0.01, 0, 0, 0, 0, 0.01, 0, 0])
+    np.testing.assert_allclose(found.cameras[0].params, expected)
     expected = gtsam.Pose3(state.world_T_camera[1]).retract(np.full(6, 0.01)).matrix()
     np.testing.assert_allclose(found.world_T_camera[1], expected, atol=1e-12)
-    assert calibration(found.opencv_params[0]).skew() == 0.0

@@ -9,16 +9,28 @@ import pytest
 from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.reduced import Layout
+from handeye_fg.graph.reprojection import derivatives
 from handeye_fg.graph.rig import first_camera_poses, image_poses, is_plain, leaders, to_images
 from handeye_fg.graph.variables import State, moved
+from handeye_fg.lens import lens_of
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
-from handeye_fg.types import Rig
+from handeye_fg.types import CameraModel, Rig
 
 CAMERA = np.array([0, 0, 1, 2, 1, 2, 2])
 POSE = np.array([0, 1, 1, 1, 2, 2, 0])
+
+
+CAMERAS = tuple(
+    CameraModel(model=model, width=1280, height=960, params=np.array(params))
+    for model, params in (
+        ("SIMPLE_PINHOLE", [1100.0, 645.0, 475.0]),
+        ("OPENCV", [1100.0, 1050.0, 645.0, 475.0, -0.2, 0.1, 0.004, -0.003]),
+        ("OPENCV_FISHEYE", [700.0, 705.0, 645.0, 475.0, 0.02, -0.01, 0.004, -0.003]),
+    )
+)
 
 
 @pytest.fixture
@@ -30,7 +42,7 @@ def state():
         gripper_T_cameras=frames.exp(rng.uniform(-1.0, 1.0, (3, 6))),
         base_T_world=frames.exp(rng.uniform(-1.0, 1.0, 6)),
         log_scale=0.7,
-        opencv_params=np.tile([1100.0, 1050.0, 645.0, 475.0, -0.2, 0.1, 0.004, -0.003], (3, 1)),
+        cameras=CAMERAS,
         rig=Rig(n_cameras=3, camera=CAMERA, pose=POSE),
     )
 
@@ -45,9 +57,9 @@ def test_images_of_one_robot_pose_share_the_gripper(state):
         np.testing.assert_allclose(at, np.broadcast_to(at[0], at.shape), atol=1e-12)
 
 
-@pytest.mark.parametrize("with_intrinsics", [False, True])
-def test_the_map_to_image_poses_by_central_differences(state, with_intrinsics):
-    layout = Layout(n_poses=3, n_cameras=3, with_intrinsics=with_intrinsics, n_known=2)
+@pytest.mark.parametrize("intrinsics", [(), ((0, 1, 2), (), (0, 3))])
+def test_the_map_to_image_poses_by_central_differences(state, intrinsics):
+    layout = Layout(n_poses=3, n_cameras=3, intrinsics=intrinsics, n_known=2)
     to = to_images(state, layout).toarray()
     n_images, h = len(CAMERA), 1e-5
     found = np.zeros((6 * n_images, layout.dim))
@@ -57,7 +69,9 @@ def test_the_map_to_image_poses_by_central_differences(state, with_intrinsics):
         steps = gtsam.VectorValues()
         for key in layout.keys:
             steps.insert(key, step[layout.columns(key)])
-        return frames.log(before @ image_poses(moved(state, steps, np.zeros((0, 3))))).ravel()
+        return frames.log(
+            before @ image_poses(moved(state, steps, np.zeros((0, 3)), intrinsics))
+        ).ravel()
 
     for column, step in enumerate(h * np.eye(layout.dim)):
         found[:, column] = (images_after(step) - images_after(-step)) / (2.0 * h)
@@ -96,12 +110,12 @@ def test_one_camera_is_the_same_with_and_without_the_map():
     rig = Rig(n_cameras=1, camera=np.zeros(8, dtype=int), pose=np.argsort(order))
 
     def refined(reported, rig):
-        start = start_state(model, model.camera.params, linear, rig)
+        start = start_state(model, [model.camera], linear, rig)
         return refine(
             model,
             reported,
             start,
-            intrinsics=None,
+            intrinsics=(),
             noise=NoiseOptions(),
             options=GraphOptions(),
             progress=silent,
@@ -120,3 +134,34 @@ def test_one_camera_is_the_same_with_and_without_the_map():
     )
     np.testing.assert_allclose(general.residuals[np.argsort(order)], plain.residuals, atol=1e-9)
     np.testing.assert_allclose(general.first_T_cameras, np.eye(4)[None], atol=1e-12)
+
+
+def test_every_camera_sees_through_its_own_lens(state):
+    """Errors and derivatives of images of several cameras are those of one camera after the other."""
+    rng = np.random.default_rng(4)
+    image = rng.integers(0, len(CAMERA), 40)
+    poses = image_poses(state)
+    rays = np.column_stack([rng.uniform(-0.4, 0.4, (40, 2)), np.ones(40)])
+    points = np.einsum("nij,nj->ni", poses[image, :3, :3], 3.0 * rays) + poses[image, :3, 3]
+    state, every = replace(state, points_world=points), np.arange(40)
+    unknown = ((0, 1, 2), (), (0, 3))
+    found = derivatives(state, image, every, np.zeros((40, 2)), unknown)
+    assert found.by_intrinsics.shape == (40, 2, 5)
+    for k in range(3):
+        mine = np.flatnonzero(CAMERA[image] == k)
+        alone = replace(
+            state,
+            world_T_camera=poses,
+            cameras=(CAMERAS[k],),
+            rig=Rig.of_one_camera(len(CAMERA)),
+        )
+        one = derivatives(
+            alone, image[mine], every[mine], np.zeros((len(mine), 2)), unknown[k : k + 1]
+        )
+        expected = lens_of(CAMERAS[k]).pixels(*rays[mine, :2].T)
+        np.testing.assert_allclose(found.errors[mine], expected, atol=1e-9)
+        for name in ("errors", "by_pose", "by_point"):
+            np.testing.assert_allclose(getattr(found, name)[mine], getattr(one, name), atol=1e-9)
+        own = {0: [0, 1, 2], 1: [], 2: [3, 4]}[k]
+        np.testing.assert_allclose(found.by_intrinsics[mine][:, :, own], one.by_intrinsics)
+        assert not np.delete(found.by_intrinsics[mine], own, axis=2).any()

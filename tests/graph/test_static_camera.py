@@ -25,7 +25,7 @@ def test_the_residual_is_that_of_the_pose_as_reported(camera, base_T_camera, gri
         gripper_T_cameras=frames.exp(base_T_camera)[None],
         base_T_world=frames.exp(gripper_T_world),
         log_scale=0.4,
-        opencv_params=np.zeros((1, 8)),
+        cameras=(),
         rig=Rig.of_one_camera(1),
     )
     metric = frames.scaled(state.world_T_camera[0], np.exp(0.4))
@@ -38,7 +38,7 @@ def test_the_residual_is_that_of_the_pose_as_reported(camera, base_T_camera, gri
     np.testing.assert_allclose(residual, 0.5 * off, atol=1e-9)
 
     factor = m.robot_graph(gripper_T_base, SIGMAS, inverted=True).at(0)
-    values = to_values(state, with_intrinsics=False)
+    values = to_values(state)
     # With the sign reversed, which no cost and no covariance depends on.
     np.testing.assert_allclose(factor.whitenedError(values), -residual / SIGMAS, atol=1e-8)
     assert isinstance(factor, gtsam.CustomFactor)

@@ -35,8 +35,8 @@ def fit(scene, poses, *, noise=None, trusted=None):
     return refine(
         scene.model,
         poses,
-        start_state(scene.model, scene.camera.params, linear),
-        intrinsics=None,
+        start_state(scene.model, [scene.camera], linear),
+        intrinsics=(),
         noise=noise or NoiseOptions(),
         options=GraphOptions(),
         progress=silent,
@@ -105,9 +105,9 @@ def test_a_deletion_is_the_solution_without_the_pose():
     scene = simulated(4, 8)
     reported, tracks = scene.robot_poses.base_T_gripper, scene.model.tracks
     linear = linear_start(reported, scene.model.world_T_camera)
-    state = start_state(scene.model, scene.camera.params, linear)
+    state = start_state(scene.model, [scene.camera], linear)
     kept = without_mismatches(state, tracks, np.ones(len(tracks.pixels)))
-    problem = make_problem(kept, reported, "base", None, None, ())
+    problem = make_problem(kept, reported, "base", (), None, ())
     everything = np.ones(8, dtype=bool)
     linearised = problem.linearised(kept.state)
     solution = estimate_noise(linearised, scene.noise, NoiseOptions())

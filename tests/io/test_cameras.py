@@ -52,10 +52,10 @@ def opencv(folder: Path, D: Any, K_key: str, D_key: str) -> Path:
 @pytest.mark.parametrize(
     ("name", "D", "model"),
     [
-        ("plumb_bob", [0.0] * 5, "PINHOLE"),
+        ("plumb_bob", [0.0] * 5, "OPENCV"),
         ("plumb_bob", [], "PINHOLE"),
         ("none", [], "PINHOLE"),
-        ("", [0.0] * 14, "PINHOLE"),
+        ("", [0.0] * 14, "OPENCV"),
         ("plumb_bob", [-0.21, 0.08, 1e-3, -2e-3], "OPENCV"),
         ("plumb_bob", [-0.21, 0.08, 1e-3, -2e-3, 0.0], "OPENCV"),
         ("plumb_bob", [-0.21, 0.08, 1e-3, -2e-3, 0.03], "FULL_OPENCV"),
@@ -134,24 +134,37 @@ def test_opencv_s_old_header_and_fisheye_flag(tmp_path: Path, flag: int, model: 
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "model"),
     [
         (
-            "width: 640\nheight: 480\ndistortion_model: plumb_bob\nD: [0, 0, 0, 0, 0]\n"
-            "K: [600, 0, 320, 0, 600, 240, 0, 0, 1]\nbinning_x: 0\nbinning_y: 1\n"
-            "roi: {x_offset: 0, y_offset: 0, height: 480, width: 640, do_rectify: false}\n---\n"
+            (
+                "width: 640\nheight: 480\ndistortion_model: plumb_bob\nD: [0, 0, 0, 0, 0]\n"
+                "K: [600, 0, 320, 0, 600, 240, 0, 0, 1]\nbinning_x: 0\nbinning_y: 1\n"
+                "roi: {x_offset: 0, y_offset: 0, height: 480, width: 640, do_rectify: false}\n---\n"
+            ),
+            "OPENCV",
         ),
-        "image_width: 640\nimage_height: 480\nK: [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\nD: {data: []}",
         (
-            "width: 640\nheight: 480\nk: [6e2, 0, 320, 0, 6.e2, 240, 0, 0, 1]\n"
-            "distortion_model: none\nroi: {do_rectify: false}"
+            (
+                "image_width: 640\nimage_height: 480\nK: [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\n"
+                "D: {data: []}"
+            ),
+            "PINHOLE",
+        ),
+        (
+            (
+                "width: 640\nheight: 480\nk: [6e2, 0, 320, 0, 6.e2, 240, 0, 0, 1]\n"
+                "distortion_model: none\nroi: {do_rectify: false}"
+            ),
+            "PINHOLE",
         ),
     ],
 )
-def test_echoed_messages_and_plain_lists(tmp_path: Path, text: str) -> None:
+def test_echoed_messages_and_plain_lists(tmp_path: Path, text: str, model: str) -> None:
     camera = read_camera(written(tmp_path, text))
-    assert camera.model == "PINHOLE"
-    np.testing.assert_array_equal(camera.params, [600.0, 600.0, 320.5, 240.5])
+    assert camera.model == model
+    np.testing.assert_array_equal(camera.params[:4], [600.0, 600.0, 320.5, 240.5])
+    assert not camera.params[4:].any()
 
 
 def with_K(i: int, j: int, value: float) -> dict[str, Any]:

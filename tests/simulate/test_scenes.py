@@ -6,6 +6,7 @@ import pycolmap
 import pytest
 from scipy.stats import chi2
 
+from handeye_fg.errors import InputDataError
 from handeye_fg.frames import inverse, log, scaled
 from handeye_fg.simulate import (
     Motion,
@@ -95,12 +96,12 @@ def test_camera_models_agree_with_colmap(model: str, params: list[float]) -> Non
 
 def test_a_camera_that_cannot_be_simulated_is_named() -> None:
     camera = CameraModel(
-        model="OPENCV_FISHEYE",
+        model="FOV",
         width=640,
         height=480,
         params=np.array([300.0, 300.0, 320.0, 240.0, 0.0, 0.0, 0.0, 0.0]),
     )
-    with pytest.raises(ValueError, match="OPENCV_FISHEYE"):
+    with pytest.raises(InputDataError, match="FOV"):
         simulate_scene(np.random.default_rng(0), camera=camera)
 
 
