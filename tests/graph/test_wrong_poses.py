@@ -139,7 +139,7 @@ def test_influence_is_how_far_x_moves_when_the_refinement_is_made_without_the_po
     )
     for i in range(10):
         rest = np.arange(10) != i
-        problem = make_problem(observed, reported, "base", None, None, (), rest)
+        problem = make_problem(observed, reported, "base", (), None, (), rest)
         again = fitted(problem, result.state, result.noise, known, 1e-9, 100, silent).state
         moved = frames.log(frames.inverse(result.state.gripper_T_camera) @ again.gripper_T_camera)
         np.testing.assert_allclose(
