@@ -83,7 +83,8 @@ def ours(scene):
     model = SfmModel(
         names=tuple(f"{i:04d}" for i in range(n)),
         world_T_camera=scene["world_T_camera"],
-        camera=CameraModel(model="OPENCV", width=width, height=height, params=scene["params"]),
+        cameras=(CameraModel(model="OPENCV", width=width, height=height, params=scene["params"]),),
+        image_camera=np.zeros(n, dtype=np.int64),
         tracks=Tracks(**{field: scene[field] for field in FIELDS}),
         mean_reprojection_px=1.0,
         unregistered=(),

@@ -11,13 +11,13 @@ from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.cameras import read_camera
-from handeye_fg.io.images import check_masks, list_images, pair_names, read_image_set
+from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.io.poses import poses_from_mapping, read_poses
 from handeye_fg.io.targets import read_target
 from handeye_fg.options import Options
 from handeye_fg.patterns import Target
 from handeye_fg.progress import Progress
-from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
+from handeye_fg.types import CameraModel, Rig, RobotPoses, SfmModel, Tracks, folder_of, folders_of
 
 PosesSource = str | Path | Mapping[str, Array] | RobotPoses
 CameraSource = str | Path | CameraModel | None
@@ -35,7 +35,7 @@ class Inputs:
         names: names with an image and a pose.
         left_out: (name, reason) of the images without pose and the poses without image.
         poses: reported poses of all names; of base_T_gripper, or its inverse for eye-to-hand.
-        camera: given intrinsics, or None.
+        cameras: given intrinsics for each folder of images ("." for none), or None.
         masks: folder of the masks, or None.
         target: known target that images show, or None.
         digest: SHA-256 of everything that was read.
@@ -45,15 +45,52 @@ class Inputs:
     names: tuple[str, ...]
     left_out: tuple[tuple[str, str], ...]
     poses: RobotPoses
-    camera: CameraModel | None
+    cameras: Mapping[str, CameraModel] | None
     masks: Path | None
     digest: str
     target: Target | None = None
 
+    @property
+    def camera(self) -> CameraModel | None:
+        """Given intrinsics of the first camera, or None."""
+        return None if self.cameras is None else self.cameras[min(self.cameras)]
+
     def robot_poses(self, names: Sequence[str]) -> Array:
         """Poses (n, 4, 4) of the named images, in that order."""
+        return self.poses.base_T_gripper[self._rows(names)]
+
+    def arm(self, model: SfmModel) -> tuple[Rig, Array]:
+        """Which camera took an image of the model, and where; the robot poses (r, 4, 4) in that order.
+
+        Raises:
+            InputDataError: two images of one camera have the same robot pose.
+        """
+        rows, pose = np.unique(self._rows(model.names), return_inverse=True)
+        taken: dict[tuple[int, int], str] = {}
+        for name, *place in zip(
+            model.names, model.image_camera.tolist(), pose.tolist(), strict=True
+        ):
+            other = taken.setdefault(tuple(place), name)
+            if other != name:
+                raise InputDataError(
+                    f"images {other} and {name} are of one camera and have the robot pose of "
+                    f"{self.poses.names[rows[place[1]]]}; give each image a pose of its own, under its "
+                    "name with the folder"
+                )
+        rig = Rig(n_cameras=len(model.cameras), camera=model.image_camera, pose=pose)
+        return rig, self.poses.base_T_gripper[rows]
+
+    def given(self, model: SfmModel) -> tuple[CameraModel, ...] | None:
+        """Given intrinsics of the model's cameras, or None."""
+        if self.cameras is None:
+            return None
+        _, first = np.unique(model.image_camera, return_index=True)
+        return tuple(self.cameras[folder_of(model.names[i])] for i in first)
+
+    def _rows(self, names: Sequence[str]) -> list[int]:
+        """Where the poses of the named images stand."""
         index = {name: i for i, name in enumerate(self.poses.names)}
-        return self.poses.base_T_gripper[[index[name] for name in names]]
+        return [index[pose_name(name, index) or name] for name in names]
 
 
 def read_inputs(
@@ -71,24 +108,34 @@ def read_inputs(
         InputDataError: something is missing, damaged or does not fit together.
     """
     robot = _robot_poses(poses, options)
-    intrinsics = read_camera(Path(camera)) if isinstance(camera, str | Path) else camera
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
-    pairing = pair_names(list_images(images), robot.names)
+    pairing = pair_names(list_cameras(images), robot.names)
     names = pairing.paired
-    if len(names) < _FEWEST_IMAGES:
+    n_poses = len({pose_name(name, set(robot.names)) for name in names})
+    if n_poses < _FEWEST_IMAGES:
         raise InputDataError(
-            f"only {len(names)} images of {images} have a pose, but at least {_FEWEST_IMAGES} are "
+            f"only {n_poses} images of {images} have a pose, but at least {_FEWEST_IMAGES} are "
             "needed, and 10 or more are advisable; add images with poses"
         )
-    size = read_image_set(images, names, progress)
-    if intrinsics is not None and (intrinsics.width, intrinsics.height) != size:
+    folders = folders_of(names)
+    if pattern is not None and len(folders) > 1:
         raise InputDataError(
-            f"the camera file is for images of {intrinsics.width}x{intrinsics.height} pixels, but "
-            f"those in {images} have {size[0]}x{size[1]}; give the file of this resolution"
+            f"a target was given, but {images} has the folders {', '.join(folders)}: a target serves one "
+            "camera; leave the target out, or calibrate one folder after the other"
         )
+    cameras = _cameras(camera, folders)
     mask_folder = None if masks is None else Path(masks)
-    if mask_folder is not None:
-        check_masks(mask_folder, names, size)
+    for folder in folders:
+        inside = [name for name in names if folder_of(name) == folder]
+        size = read_image_set(images, inside, progress)
+        if cameras is not None and (cameras[folder].width, cameras[folder].height) != size:
+            raise InputDataError(
+                f"the camera file is for images of {cameras[folder].width}x{cameras[folder].height} "
+                f"pixels, but those in {images / folder} have {size[0]}x{size[1]}; give the file of "
+                "this resolution"
+            )
+        if mask_folder is not None:
+            check_masks(mask_folder, inside, size)
     left_out = [(name, "no pose has this name") for name in pairing.images_without_pose]
     left_out += [(name, "no image has this name") for name in pairing.poses_without_image]
     files = [images / name for name in names]
@@ -98,9 +145,9 @@ def read_inputs(
         names=names,
         left_out=tuple(left_out),
         poses=robot,
-        camera=intrinsics,
+        cameras=cameras,
         masks=mask_folder,
-        digest=_digest(robot, intrinsics, files, pattern),
+        digest=_digest(robot, cameras, files, pattern),
         target=pattern,
     )
 
@@ -122,14 +169,18 @@ def read_model_inputs(
         )
     left_out = [(name, "no pose has this name") for name in pairing.images_without_pose]
     left_out += [(name, "the model has no such image") for name in pairing.poses_without_image]
+    cameras = {
+        folder_of(name): model.cameras[k]
+        for name, k in zip(model.names, model.image_camera.tolist(), strict=True)
+    }
     inputs = Inputs(
         images=Path(),
         names=pairing.paired,
         left_out=tuple(left_out),
         poses=robot,
-        camera=model.camera,
+        cameras=cameras,
         masks=None,
-        digest=_digest(robot, model.camera, []),
+        digest=_digest(robot, cameras, []),
     )
     return inputs, _only(model, pairing.paired)
 
@@ -145,6 +196,22 @@ def _robot_poses(poses: PosesSource, options: Options) -> RobotPoses:
     return RobotPoses(names=poses.names, base_T_gripper=frames.inverse(poses.base_T_gripper))
 
 
+def _cameras(source: CameraSource, folders: Sequence[str]) -> dict[str, CameraModel] | None:
+    """The intrinsics for each folder of images: one file for all, or a folder with one for each."""
+    if source is None:
+        return None
+    if isinstance(source, CameraModel):
+        return dict.fromkeys(folders, source)
+    path = Path(source)
+    if not path.is_dir():
+        return dict.fromkeys(folders, read_camera(path))
+    if len(folders) == 1:
+        raise InputDataError(
+            f"camera file {path}: is a folder, but there is one camera; give its file"
+        )
+    return {folder: read_camera(path / f"{folder}.yaml") for folder in folders}
+
+
 def _only(model: SfmModel, names: Sequence[str]) -> SfmModel:
     """The model without the images that are not named."""
     rows = np.array([model.names.index(name) for name in names])
@@ -155,7 +222,8 @@ def _only(model: SfmModel, names: Sequence[str]) -> SfmModel:
     return SfmModel(
         names=tuple(names),
         world_T_camera=model.world_T_camera[rows],
-        camera=model.camera,
+        cameras=model.cameras,
+        image_camera=model.image_camera[rows],
         tracks=Tracks(
             points_world=tracks.points_world,
             image_index=new_index[tracks.image_index[kept]],
@@ -169,7 +237,7 @@ def _only(model: SfmModel, names: Sequence[str]) -> SfmModel:
 
 def _digest(
     robot: RobotPoses,
-    camera: CameraModel | None,
+    cameras: Mapping[str, CameraModel] | None,
     files: Sequence[Path],
     target: Target | None = None,
 ) -> str:
@@ -177,7 +245,7 @@ def _digest(
     total = hashlib.sha256()
     for name, matrix in sorted(zip(robot.names, robot.base_T_gripper, strict=True)):
         total.update(name.encode() + matrix.tobytes())
-    if camera is not None:
+    for camera in (cameras or {}).values():
         total.update(f"{camera.model} {camera.width} {camera.height}".encode())
         total.update(camera.params.tobytes())
     if target is not None:

@@ -58,7 +58,7 @@ def assemble(
         options: as used.
         timing_s: seconds by stage.
     """
-    final, model = view.refinement, scene.model
+    final, model, first = view.refinement, scene.model, view.intrinsics[0]
     free = final.observability.free_directions
     return Result(
         status="partial" if free else "ok",
@@ -73,10 +73,10 @@ def assemble(
         noise=final.noise,
         initial=linear,
         images=_images(model, inputs, final, options.setup),
-        camera=view.camera,
-        intrinsics_refined=view.refined,
-        intrinsics_std=view.std,
-        intrinsics_note=view.note,
+        camera=first.camera,
+        intrinsics_refined=first.refined,
+        intrinsics_std=first.std,
+        intrinsics_note=first.note,
         sfm=SfmSummary(
             n_images=len(inputs.names),
             n_registered=len(model.names),

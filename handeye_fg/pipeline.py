@@ -10,7 +10,7 @@ from handeye_fg.options import Options
 from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene, find_scene
-from handeye_fg.solvers import linear_start
+from handeye_fg.solvers.rig import rig_start
 
 
 def calibrate(
@@ -55,13 +55,14 @@ def solve_scene(
 ) -> Result:
     """The steps from a reconstruction on."""
     model, known = scene.model, scene.known
-    reported = inputs.robot_poses(model.names)
+    rig, reported = inputs.arm(model)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
-    linear = linear_start(reported, model.world_T_camera, priors=options.priors)
+    linear = rig_start(reported, model.world_T_camera, rig, priors=options.priors)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)
-    view = refine_views(model, reported, inputs.camera, linear, options, parent, progress, known)
+    given = inputs.given(model)
+    view = refine_views(model, reported, given, linear, options, parent, progress, known, rig)
     require_agreement(view.refinement)
     clock.lap("refinement")
     # 5. X, its covariance, and what is to be known of every image.

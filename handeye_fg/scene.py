@@ -86,7 +86,7 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
     return sfm.reconstruct(
         inputs.images,
         inputs.names,
-        inputs.camera,
+        inputs.cameras,
         masks=inputs.masks,
         folder=folder,
         options=options.sfm,

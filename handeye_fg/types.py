@@ -3,7 +3,9 @@
 Arrays are copied to float64 (indices to int64) and made read-only. Types that hold arrays compare by identity.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Literal
 
 import numpy as np
@@ -100,6 +102,16 @@ class Tracks:
             object.__setattr__(self, name, frozen_indices(getattr(self, name), n, name))
 
 
+def folder_of(image: str) -> str:
+    """The folder in an image's name, "." without one: of several cameras each has a folder."""
+    return str(PurePosixPath(image).parent)
+
+
+def folders_of(images: Sequence[str]) -> tuple[str, ...]:
+    """The folders of images, sorted."""
+    return tuple(sorted({folder_of(image) for image in images}))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
     """Which camera of an arm took an image, and at which robot pose.
@@ -133,7 +145,8 @@ class SfmModel:
     Attributes:
         names: names (n,) of the registered images.
         world_T_camera: camera poses (n, 4, 4), translations in world units.
-        camera: the intrinsics that the reconstruction used (refined by it, or as given).
+        cameras: the intrinsics that the reconstruction used (refined by it, or as given), by camera.
+        image_camera: index (n,) of the camera that took an image.
         tracks: points and observations; ``image_index`` refers to ``names``.
         mean_reprojection_px: mean length of the reprojection errors.
         unregistered: (image name, reason) of the images that were read but have no pose.
@@ -141,16 +154,25 @@ class SfmModel:
 
     names: tuple[str, ...]
     world_T_camera: Array
-    camera: CameraModel
+    cameras: tuple[CameraModel, ...]
+    image_camera: Indices
     tracks: Tracks
     mean_reprojection_px: float
     unregistered: tuple[tuple[str, str], ...]
 
     def __post_init__(self) -> None:
-        shape = (len(self.names), 4, 4)
+        n = len(self.names)
         object.__setattr__(
-            self, "world_T_camera", frozen_array(self.world_T_camera, shape, "world_T_camera")
+            self, "image_camera", frozen_indices(self.image_camera, n, "image_camera")
         )
+        object.__setattr__(
+            self, "world_T_camera", frozen_array(self.world_T_camera, (n, 4, 4), "world_T_camera")
+        )
+
+    @property
+    def camera(self) -> CameraModel:
+        """The first camera."""
+        return self.cameras[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

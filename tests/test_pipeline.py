@@ -39,8 +39,8 @@ def images(tmp_path, scene):
 def reconstruction(monkeypatch, scene):
     calls = []
 
-    def reconstruct(images, names, camera, **arguments):
-        calls.append({"images": images, "names": names, "camera": camera, **arguments})
+    def reconstruct(images, names, cameras, **arguments):
+        calls.append({"images": images, "names": names, "cameras": cameras, **arguments})
         return scene.model
 
     monkeypatch.setattr(sfm, "reconstruct", reconstruct)
@@ -108,7 +108,7 @@ def test_without_a_camera_the_intrinsics_are_refined(images, scene, reconstructi
     result = hf.calibrate(images, poses_of(scene))
     assert result.intrinsics_refined
     assert (result.intrinsics_std > 0).all()
-    assert reconstruction[0]["camera"] is None
+    assert reconstruction[0]["cameras"] is None
 
 
 def test_the_limit_of_iterations_is_told(images, scene, monkeypatch):

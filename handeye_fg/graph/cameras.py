@@ -4,11 +4,10 @@ Either way the observations are held against the camera's own model, and a model
 own parameters for unknowns, no more and no fewer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg.errors import InputDataError
@@ -16,12 +15,11 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import intrinsics_pull, refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
-from handeye_fg.graph.variables import State
 from handeye_fg.intrinsics import covers_image, nearest
 from handeye_fg.lens import embedding, lens_of, refinable
 from handeye_fg.options import Options
 from handeye_fg.progress import Progress
-from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, LinearStart, Rig, SfmModel
 
 # Standard deviations of a camera file's values: what a factory or a hasty calibration leaves.
 _FILE_FOCAL = 0.01  # of the focal length
@@ -40,23 +38,34 @@ _FREE_LOG_SCALE = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Intrinsics:
+    """Final intrinsics of a camera.
+
+    Attributes:
+        camera: the intrinsics; the given ones where they were kept.
+        refined: whether they were unknowns.
+        std: standard deviations (k,) of ``camera.params``, zeros where kept.
+        note: what was done and why, in words.
+    """
+
+    camera: CameraModel
+    refined: bool
+    std: Array
+    note: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
     """A refinement and the intrinsics that belong to it.
 
     Attributes:
         refinement: the optimum.
-        camera: final intrinsics; the given ones where they were kept.
-        refined: whether they were unknowns.
-        std: standard deviations (k,) of ``camera.params``, zeros where kept.
-        note: what was done and why, in words.
+        intrinsics: of each camera.
         scale_note: in words, if the size of a known target was not kept; "" otherwise.
     """
 
     refinement: Refinement
-    camera: CameraModel
-    refined: bool
-    std: Array
-    note: str
+    intrinsics: tuple[Intrinsics, ...]
     scale_note: str = ""
 
 
@@ -77,34 +86,48 @@ def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
     return IntrinsicsPrior(params=camera.params, sigmas=sigmas)
 
 
+def _fixed(camera: CameraModel) -> IntrinsicsPrior:
+    """Intrinsics that stay as they are."""
+    return IntrinsicsPrior(params=camera.params, sigmas=np.zeros(len(camera.params)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Call:
-    """The arguments that every refinement shares."""
+    """What every refinement shares; the attributes are the arguments of ``refine_views``."""
 
+    model: SfmModel
+    base_T_gripper: Array
+    linear: LinearStart
+    rig: Rig | None
     options: Options
-    progress: Progress
     frame: str
+    progress: Progress
     known: KnownPoints | None
-    trusted: NDArray[np.bool_] | None
 
     @property
     def inverted(self) -> bool:
         """Whether the robot poses are gripper_T_base."""
         return self.options.setup == "eye-to-hand"
 
-    def refine(
-        self,
-        model: SfmModel,
-        base_T_gripper: Array,
-        start: State,
-        *,
-        intrinsics: Sequence[IntrinsicsPrior],
-    ) -> Refinement:
-        return refine(
-            model,
-            base_T_gripper,
-            start,
-            intrinsics=intrinsics,
+    def refined(
+        self, given: Sequence[CameraModel], notes: Mapping[int, str], *, free: bool
+    ) -> View:
+        """Refine, with the intrinsics of some cameras as unknowns.
+
+        Args:
+            given: intrinsics of each camera; those that are refined have their prior there.
+            notes: the cameras whose intrinsics are refined, and why.
+            free: whether the prior is wide.
+        """
+        cameras, priors = list(given), [_fixed(camera) for camera in given]
+        for k in notes:
+            cameras[k], _ = nearest(self.model.cameras[k], given[k])
+            priors[k] = _prior(given[k], free=free)
+        final = refine(
+            self.model,
+            self.base_T_gripper,
+            start_state(self.model, cameras, self.linear, self.rig),
+            intrinsics=priors if notes else (),
             noise=self.options.noise,
             options=self.options.graph,
             progress=self.progress,
@@ -112,46 +135,32 @@ class _Call:
             known=self.known,
             known_x=self.options.priors,
             inverted=self.inverted,
-            trusted=self.trusted,
+            trusted=self.linear.trusted,
         )
-
-
-def _refined(
-    model: SfmModel,
-    base_T_gripper: Array,
-    camera: CameraModel,
-    linear: LinearStart,
-    call: _Call,
-    *,
-    note: str,
-    free: bool,
-) -> View:
-    """Refine with the intrinsics as unknowns, the prior around ``camera``."""
-    used, _ = nearest(model.camera, camera)
-    refinement = call.refine(
-        model,
-        base_T_gripper,
-        start_state(model, [used], linear),
-        intrinsics=[_prior(camera, free=free)],
-    )
-    return View(
-        refinement=refinement,
-        camera=refinement.state.cameras[0],
-        refined=True,
-        std=np.sqrt(np.diag(refinement.intrinsics_covariances[0])),
-        note=note,
-    )
+        return View(
+            refinement=final,
+            intrinsics=tuple(
+                Intrinsics(
+                    camera=final.state.cameras[k],
+                    refined=k in notes,
+                    std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
+                    note=notes.get(k, "The camera file's intrinsics were kept."),
+                )
+                for k in range(len(given))
+            ),
+        )
 
 
 def refine_views(
     model: SfmModel,
     base_T_gripper: Array,
-    camera: CameraModel | None,
+    given: Sequence[CameraModel] | None,
     linear: LinearStart,
     options: Options,
     frame: str,
     progress: Progress,
     known: KnownPoints | None = None,
+    rig: Rig | None = None,
 ) -> View:
     """Refine with the intrinsics kept or refined, as the options and the images ask for.
 
@@ -160,29 +169,37 @@ def refine_views(
 
     Args:
         model: the SfM model; where no camera is given, its intrinsics are the start.
-        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of the model's images; for
-            eye-to-hand their inverses.
-        camera: the given intrinsics, or None.
+        base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of the rig, or of the
+            model's images; for eye-to-hand their inverses.
+        given: the given intrinsics of each camera, or None.
         linear: the linear start.
         options: of the calibration.
         frame: parent frame of X.
         progress: told the number of iterations.
         known: positions of the model's first points, the corners of a target; None: there are none.
+        rig: which camera took an image, and at which robot pose; None: one camera.
 
     Raises:
-        InputDataError: the camera's model is unknown, or cannot be kept as it is.
+        InputDataError: a camera's model is unknown, or cannot be kept as it is.
         ReconstructionError, ConvergenceError: as ``refine``.
     """
     call = _Call(
-        options=options, progress=progress, frame=frame, known=known, trusted=linear.trusted
+        model=model,
+        base_T_gripper=base_T_gripper,
+        linear=linear,
+        rig=rig,
+        options=options,
+        frame=frame,
+        progress=progress,
+        known=known,
     )
     if known is None:
-        return _with_intrinsics(model, base_T_gripper, camera, linear, call)
+        return _with_intrinsics(call, given)
     # The robot is asked first: imposed, a wrong size makes the robot look noisy, which hides it.
     asked = replace(call, known=replace(known, log_scale_sigma=_FREE_LOG_SCALE))
-    view = _with_intrinsics(model, base_T_gripper, camera, linear, asked)
+    view = _with_intrinsics(asked, given)
     if scale_agrees(view.refinement, known):
-        return _with_intrinsics(model, base_T_gripper, camera, linear, call)
+        return _with_intrinsics(call, given)
     ratio = float(np.exp(view.refinement.state.log_scale))
     return replace(
         view,
@@ -194,53 +211,58 @@ def refine_views(
     )
 
 
-def _with_intrinsics(
-    model: SfmModel,
-    base_T_gripper: Array,
-    camera: CameraModel | None,
-    linear: LinearStart,
-    call: _Call,
-) -> View:
+def _with_intrinsics(call: _Call, given: Sequence[CameraModel] | None) -> View:
     """Refine with the intrinsics kept or refined."""
-    if camera is None:
+    if given is None:
         note = "No camera file was given: the intrinsics were found from the images."
-        return _refined(model, base_T_gripper, model.camera, linear, call, note=note, free=True)
+        found = call.model.cameras
+        return call.refined(found, dict.fromkeys(range(len(found)), note), free=True)
     wish = call.options.graph.intrinsics
     if wish in ("prior", "free"):
         note = f"The camera file's intrinsics were refined ({wish})."
-        return _refined(model, base_T_gripper, camera, linear, call, note=note, free=wish == "free")
-    if not covers_image(camera):
-        if wish == "fixed":
-            raise InputDataError(
-                f"the camera file's distortion ({camera.model}) folds the image over before its "
-                "corners, so pixels there have no line of sight; use --graph.intrinsics prior to "
-                "refine it, or calibrate the camera again"
-            )
-        reason = "The camera file's distortion folds the image over before its corners"
-    else:
-        start = start_state(model, [camera], linear)
-        kept = call.refine(model, base_T_gripper, start, intrinsics=())
-        contradiction = None if wish == "fixed" else _contradiction(base_T_gripper, kept, call)
-        if contradiction is None:
-            return View(
-                refinement=kept,
-                camera=camera,
-                refined=False,
-                std=np.zeros(len(camera.params)),
-                note="The camera file's intrinsics were kept.",
-            )
-        reason = contradiction
-    note = f"{reason}: its intrinsics were refined, with the file's values as prior."
-    return _refined(model, base_T_gripper, camera, linear, call, note=note, free=False)
+        notes = dict.fromkeys(range(len(given)), note)
+        return call.refined(given, notes, free=wish == "free")
+    reasons = {k: _folds(camera) for k, camera in enumerate(given) if not covers_image(camera)}
+    if reasons and wish == "fixed":
+        raise InputDataError(
+            f"{next(iter(reasons.values()))}, so pixels there have no line of sight; use "
+            "--graph.intrinsics prior to refine it, or calibrate the camera again"
+        )
+    while True:
+        notes = {
+            k: f"{reason}: its intrinsics were refined, with the file's values as prior."
+            for k, reason in reasons.items()
+        }
+        view = call.refined(given, notes, free=False)
+        more = {} if wish == "fixed" else _contradictions(call, view, given)
+        if not more:
+            return view
+        reasons |= more
 
 
-def _contradiction(base_T_gripper: Array, kept: Refinement, call: _Call) -> str | None:
-    """In words how the images contradict kept intrinsics, or None if they do not."""
-    prior = _prior(kept.state.cameras[0], free=False)
-    (pull,) = intrinsics_pull(
-        base_T_gripper, kept, [prior], call.known, call.options.priors, inverted=call.inverted
+def _folds(camera: CameraModel) -> str:
+    return f"The camera file's distortion ({camera.model}) folds the image over before its corners"
+
+
+def _contradictions(call: _Call, view: View, given: Sequence[CameraModel]) -> dict[int, str]:
+    """The cameras whose intrinsics were kept and that the images contradict, and how, in words."""
+    kept = [k for k, intrinsics in enumerate(view.intrinsics) if not intrinsics.refined]
+    if not kept:
+        return {}
+    priors = [_prior(camera, free=False) for camera in given]
+    pulls = intrinsics_pull(
+        call.base_T_gripper,
+        view.refinement,
+        priors,
+        call.known,
+        call.options.priors,
+        inverted=call.inverted,
     )
-    count = len(prior.unknown)
-    if pull <= _OVERDISPERSION * special.chdtri(count, _CONTRADICTION):
-        return None
-    return f"The images contradict the camera file (chi-square {pull:.0f} of {count})"
+    found = {}
+    for k in kept:
+        count = len(priors[k].unknown)
+        if pulls[k] > _OVERDISPERSION * special.chdtri(count, _CONTRADICTION):
+            found[k] = (
+                f"The images contradict the camera file (chi-square {pulls[k]:.0f} of {count})"
+            )
+    return found

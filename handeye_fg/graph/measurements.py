@@ -129,18 +129,17 @@ def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
     return graph
 
 
-def held_graph(gripper_T_camera: Array, free: Array, camera: int = 0) -> gtsam.NonlinearFactorGraph:
-    """Keep X of a camera where it is along its free directions, and let it go along the others.
+def held_graph(gripper_T_camera: Array, free: Array) -> gtsam.NonlinearFactorGraph:
+    """Keep the first X where it is along its free directions, and let it go along the others.
 
     Args:
         gripper_T_camera: X (4, 4), metres.
         free: orthonormal columns (6, k), in units of ``LIMITS``.
-        camera: index of the camera.
     """
     graph = gtsam.NonlinearFactorGraph()
     root = free @ free.T / LIMITS[:6] / _HELD
     model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
-    graph.addPriorPose3(x_key(camera), gtsam.Pose3(gripper_T_camera), model)
+    graph.addPriorPose3(GRIPPER_T_CAMERA, gtsam.Pose3(gripper_T_camera), model)
     return graph
 
 

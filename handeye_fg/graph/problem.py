@@ -1,6 +1,6 @@
 """The graph of one choice of observations, and its linearised form; entry point ``make_problem``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -115,10 +115,10 @@ class Problem:
         graphs += [] if self.held is None else [self.held]
         return 0.5 * images + float(m.joined(graphs).error(self._values(state)))
 
-    def holding(self, gripper_T_cameras: Array, free: Mapping[int, Array]) -> "Problem":
-        """The problem with X of cameras held along free directions, columns (6, d) in units of the limits."""
-        held = [m.held_graph(gripper_T_cameras[k], basis, k) for k, basis in free.items()]
-        return replace(self, held=m.joined(held) if held else None)
+    def holding(self, gripper_T_camera: Array, free: Array) -> "Problem":
+        """The problem with the first X held along free directions, columns (6, d) in units of the limits."""
+        held = m.held_graph(gripper_T_camera, free) if free.size else None
+        return replace(self, held=held)
 
     def held_at(self, state: State) -> Quadratic | None:
         """What holds X, around a state; None: nothing does."""

@@ -15,7 +15,7 @@ from handeye_fg.graph.noise import Solution, cost, estimate_noise
 from handeye_fg.graph.outliers import agreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
-from handeye_fg.graph.rig import first_camera_poses, is_plain, leaders
+from handeye_fg.graph.rig import first_camera_poses, is_plain
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import State, intrinsics_key
@@ -118,7 +118,9 @@ def _fitted(
     while True:
         bare = replace(linearised, held=None)
         solution = estimate_noise(bare, levels, noise)
-        problem = problem.holding(start.gripper_T_cameras, _free(state, bare, solution))
+        # The images tie the other cameras to the first, or the world that they share does.
+        free = free_basis(determined(state, bare, solution).joints[0, :6, :6])
+        problem = problem.holding(start.gripper_T_camera, free)
         linearised = replace(bare, held=problem.held_at(state))
         if linearised.held is not None:
             solution = estimate_noise(linearised, solution.noise, noise)
@@ -143,17 +145,6 @@ def _fitted(
             iterations=iterations,
             converged=converged,
         )
-
-
-def _free(state: State, linearised: Linearised, solution: Solution) -> dict[int, Array]:
-    """Free directions (6, d), in units of the limits, of the cameras that have any.
-
-    A camera that shares robot poses with one before it is tied to that by the images: to hold both
-    would hold the one against the other.
-    """
-    joints = determined(state, linearised, solution).joints
-    bases = {k: free_basis(joints[k, :6, :6]) for k in leaders(state.rig)}
-    return {k: basis for k, basis in bases.items() if basis.size}
 
 
 def _stepped(

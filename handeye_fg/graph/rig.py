@@ -18,7 +18,6 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
@@ -30,14 +29,6 @@ from handeye_fg.types import Rig
 def is_plain(rig: Rig) -> bool:
     """Whether every image has an unknown pose of its own: one camera, one image at each robot pose."""
     return rig.n_cameras == 1 and np.array_equal(rig.pose, np.arange(len(rig.pose)))
-
-
-def leaders(rig: Rig) -> tuple[int, ...]:
-    """The first camera of each group that shares robot poses: the images tie the others to it."""
-    took = np.zeros((rig.n_cameras, int(rig.pose.max()) + 1))
-    took[rig.camera, rig.pose] = 1.0
-    _, group = csgraph.connected_components(took @ took.T, directed=False)
-    return tuple(int(k) for k in np.unique(group, return_index=True)[1])
 
 
 def first_T_cameras(state: State) -> Array:

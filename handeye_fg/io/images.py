@@ -3,9 +3,9 @@
 import struct
 import warnings
 import zlib
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from PIL import Image
 
@@ -58,24 +58,62 @@ def list_images(folder: Path) -> tuple[str, ...]:
     Raises:
         InputDataError: there is no such folder or no image in it.
     """
-    try:
-        names = sorted(
-            entry.name
-            for entry in folder.iterdir()
-            if entry.suffix.lower() in SUFFIXES
-            and not entry.name.startswith(".")
-            and entry.is_file()
-        )
-    except (OSError, ValueError) as error:
-        raise InputDataError(
-            f"image folder {folder}: cannot be read ({reason(error)}); give the folder that holds the images"
-        ) from error
+    names = _images(folder)
     if not names:
         raise InputDataError(
             f"image folder {folder}: no image found, but files named {' '.join(SUFFIXES)} were"
             " wanted; give the folder that holds the images"
         )
-    return tuple(names)
+    return names
+
+
+def _images(folder: Path) -> tuple[str, ...]:
+    """Names of the images in a folder, sorted."""
+    try:
+        return tuple(
+            sorted(
+                entry.name
+                for entry in folder.iterdir()
+                if entry.suffix.lower() in SUFFIXES
+                and not entry.name.startswith(".")
+                and entry.is_file()
+            )
+        )
+    except (OSError, ValueError) as error:
+        raise InputDataError(
+            f"image folder {folder}: cannot be read ({reason(error)}); give the folder that holds the images"
+        ) from error
+
+
+def list_cameras(folder: Path) -> tuple[str, ...]:
+    """Names of the images of one camera, or of several cameras, each with a sub-folder.
+
+    Args:
+        folder: holds the images, or sub-folders that do; those without images, and hidden ones, are
+            left out.
+
+    Returns:
+        The names, sorted, at least one; with sub-folders in the form ``cam0/000.jpg``.
+
+    Raises:
+        InputDataError: there is no image, or images lie both in the folder and in sub-folders.
+    """
+    single = _images(folder)
+    several = {
+        entry.name: _images(entry)
+        for entry in sorted(folder.iterdir())
+        if entry.is_dir() and not entry.name.startswith(".")
+    }
+    with_images = [name for name, images in several.items() if images]
+    if single and with_images:
+        raise InputDataError(
+            f"image folder {folder}: {len(single)} images lie in it and others in its sub-folder "
+            f"{shown(with_images[0])}; give each camera a sub-folder of its own, or move the"
+            " sub-folders elsewhere if they are no cameras"
+        )
+    if not with_images:
+        return list_images(folder)
+    return tuple(f"{name}/{image}" for name in with_images for image in several[name])
 
 
 def check_image(path: Path) -> tuple[int, int]:
@@ -159,7 +197,8 @@ def pair_names(images: Sequence[str], poses: Sequence[str]) -> Pairing:
     """Pair images and poses by name, never by order.
 
     Args:
-        images: names of the images.
+        images: names of the images; with the folder of a camera, the pose of the name with the
+            folder counts, or else that of the file's name.
         poses: image names of the poses.
 
     Returns:
@@ -168,8 +207,9 @@ def pair_names(images: Sequence[str], poses: Sequence[str]) -> Pairing:
     Raises:
         InputDataError: nothing can be paired.
     """
-    with_image, with_pose = set(images), set(poses)
-    paired = tuple(name for name in images if name in with_pose)
+    with_pose = set(poses)
+    pose = {name: pose_name(name, with_pose) for name in images}
+    paired = tuple(name for name in images if pose[name] is not None)
     if not paired:
         raise InputDataError(
             f"no pose has the name of an image: images are named like {_example(images)}, poses"
@@ -177,9 +217,15 @@ def pair_names(images: Sequence[str], poses: Sequence[str]) -> Pairing:
         )
     return Pairing(
         paired=paired,
-        images_without_pose=tuple(name for name in images if name not in with_pose),
-        poses_without_image=tuple(name for name in poses if name not in with_image),
+        images_without_pose=tuple(name for name in images if pose[name] is None),
+        poses_without_image=tuple(name for name in poses if name not in set(pose.values())),
     )
+
+
+def pose_name(image: str, poses: Container[str]) -> str | None:
+    """The name under which an image has its robot pose: its own, or without the camera's folder."""
+    names = (image, PurePosixPath(image).name)
+    return next((name for name in names if name in poses), None)
 
 
 def _decoded(path: Path, what: str) -> Image.Image:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +25,7 @@ _INPUTS = "inputs.json"
 def inputs_digest(
     images: Path,
     names: Sequence[str],
-    camera: CameraModel | None,
+    cameras: Mapping[str, CameraModel] | None,
     masks: Path | None,
     options: SfmOptions,
     seed: int,
@@ -43,9 +43,12 @@ def inputs_digest(
         "options": {**asdict(options), "threads": None},
         "seed": seed,
         "refine_intrinsics": refine_intrinsics,
-        "camera": None
-        if camera is None
-        else [camera.model, camera.width, camera.height, camera.params.tolist()],
+        "cameras": None
+        if cameras is None
+        else {
+            folder: [camera.model, camera.width, camera.height, camera.params.tolist()]
+            for folder, camera in cameras.items()
+        },
         "files": [[name, _file_digest(images / name)] for name in names],
         "masks": None
         if masks is None

@@ -1,6 +1,6 @@
 """Features and matches of a set of images in a COLMAP database; entry point ``fill_database``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
 from pathlib import Path
@@ -10,7 +10,7 @@ import pycolmap
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
 from handeye_fg.sfm.native import run_cancellable
-from handeye_fg.types import CameraModel
+from handeye_fg.types import CameraModel, folder_of
 
 # COLMAP's meaning of "all cores".
 _ALL_CORES = -1
@@ -44,7 +44,7 @@ def fill_database(
     database: Path,
     images: Path,
     names: Sequence[str],
-    camera: CameraModel | None,
+    cameras: Mapping[str, CameraModel] | None,
     *,
     masks: Path | None,
     sensitivity: Sensitivity,
@@ -58,7 +58,8 @@ def fill_database(
         database: file to write; it must not exist.
         images: folder of the images.
         names: the images to use.
-        camera: intrinsics to start from; None: OPENCV with COLMAP's guess of the focal length.
+        cameras: intrinsics to start from, for each folder of images; None: OPENCV with COLMAP's guess
+            of the focal length.
         masks: folder of masks ``NAME.png``, white = use; None: everything is used.
         sensitivity: how eagerly features are taken.
         options: limits.
@@ -69,8 +70,10 @@ def fill_database(
         ReconstructionError: COLMAP failed.
     """
     reader_options = pycolmap.ImageReaderOptions()
-    reader_options.camera_model = "OPENCV" if camera is None else camera.model
-    if camera is not None:
+    reader_options.camera_model = "OPENCV"
+    if cameras is not None:
+        camera = cameras[folder_of(names[0])]
+        reader_options.camera_model = camera.model
         reader_options.camera_params = ",".join(repr(float(p)) for p in camera.params)
     if masks is not None:
         reader_options.mask_path = masks
@@ -98,20 +101,22 @@ def fill_database(
             lambda _: pycolmap.import_images(
                 database,
                 images,
-                camera_mode=pycolmap.CameraMode.SINGLE,
+                camera_mode=pycolmap.CameraMode.PER_FOLDER,
                 image_names=list(names),
                 options=reader_options,
             ),
             "the reading of images",
             lambda: None,
         )
+        if cameras is not None and len(cameras) > 1:
+            set_cameras(counts, cameras)
         ids = [image.image_id for image in counts.read_all_images()]
         run_cancellable(
             lambda token: pycolmap.extract_features(
                 database,
                 images,
                 image_names=list(names),
-                camera_mode=pycolmap.CameraMode.SINGLE,
+                camera_mode=pycolmap.CameraMode.PER_FOLDER,
                 reader_options=reader_options,
                 extraction_options=extraction,
                 device=pycolmap.Device.cpu,
@@ -133,6 +138,16 @@ def fill_database(
             "the matching of features",
             lambda: progress("pairs", counts.num_matched_image_pairs(), n_pairs),
         )
+
+
+def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel]) -> None:
+    """Give the cameras of a database other intrinsics, for each folder of images."""
+    folders = {image.camera_id: folder_of(image.name) for image in database.read_all_images()}
+    for native in database.read_all_cameras():
+        camera = cameras[folders[native.camera_id]]
+        native.model = pycolmap.CameraModelId.__members__[camera.model]
+        native.params = list(camera.params)
+        database.update_camera(native)
 
 
 def matching_summary(database: Path) -> dict[str, tuple[int, int]]:

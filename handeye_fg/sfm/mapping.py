@@ -1,6 +1,7 @@
 """From matches to camera poses: incremental mapping at several settings; entry point ``map_images``."""
 
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,18 +60,19 @@ def map_images(
     rung: Rung,
     *,
     n_images: int,
-    file_camera: CameraModel | None,
+    file_cameras: Mapping[str, CameraModel] | None,
     seed: int,
     progress: Progress,
 ) -> pycolmap.Reconstruction | None:
     """Reconstruct from the matches of a database.
 
     Args:
-        database: with features and verified matches, and one camera as start.
+        database: with features and verified matches, and cameras as start.
         images: folder of the images.
         rung: the settings.
         n_images: number of images, for the progress.
-        file_camera: given intrinsics that a refinement must stay near, or None.
+        file_cameras: given intrinsics, for each folder of images, that a refinement must stay near; or
+            None.
         seed: of the random samples.
         progress: told "registered".
 
@@ -111,7 +113,7 @@ def map_images(
         shutil.rmtree(attempt, ignore_errors=True)
     best: pycolmap.Reconstruction | None = None
     for index in sorted(models):
-        if file_camera is None or keeps_near(models[index], file_camera):
+        if file_cameras is None or keeps_near(models[index], file_cameras):
             best = largest(best, models[index])
     return best
 

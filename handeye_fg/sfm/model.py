@@ -14,7 +14,7 @@ import pycolmap
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
-from handeye_fg.types import CameraModel, SfmModel, Tracks
+from handeye_fg.types import CameraModel, SfmModel, Tracks, folder_of, folders_of
 
 ModelSource = pycolmap.Reconstruction | str | os.PathLike[str]
 """A reconstruction, or the folder of a COLMAP model in binary or text form."""
@@ -33,7 +33,8 @@ def read_model(source: ModelSource) -> SfmModel:
         The registered images in the order of their names; points in world units.
 
     Raises:
-        InputDataError: the folder holds no readable model, or its images have several cameras.
+        InputDataError: the folder holds no readable model, or images in one folder have several
+            cameras.
         ReconstructionError: fewer than 3 images are registered, or there are no points.
     """
     if isinstance(source, pycolmap.Reconstruction):
@@ -78,21 +79,34 @@ def to_sfm_model(
         )
     if len(images) < FEWEST_IMAGES:
         raise ReconstructionError(too_few(len(images), len(images) + len(unregistered)))
-    cameras = {image.camera_id for image in images}
-    if len(cameras) > 1:
-        raise InputDataError(
-            f"the COLMAP model has {len(cameras)} cameras, but all images must share one; "
-            "reconstruct with a single camera (--ImageReader.single_camera 1)"
-        )
+    camera_ids = _cameras(images)
     tracks, mean_reprojection_px = _tracks(reconstruction, images)
     return SfmModel(
         names=tuple(image.name for image in images),
         world_T_camera=np.stack([_world_T_camera(image) for image in images]),
-        camera=to_camera_model(reconstruction.cameras[images[0].camera_id]),
+        cameras=tuple(to_camera_model(reconstruction.cameras[i]) for i in camera_ids),
+        image_camera=np.array([camera_ids.index(image.camera_id) for image in images]),
         tracks=tracks,
         mean_reprojection_px=mean_reprojection_px,
         unregistered=unregistered,
     )
+
+
+def _cameras(images: list[pycolmap.Image]) -> list[int]:
+    """The cameras' numbers in the order of their images' folders.
+
+    Raises:
+        InputDataError: images in one folder have several cameras.
+    """
+    ids = list(dict.fromkeys(image.camera_id for image in images))
+    folders = {(folder_of(image.name), image.camera_id) for image in images}
+    if len(ids) > 1 and len(folders) > len(folders_of([image.name for image in images])):
+        raise InputDataError(
+            f"the COLMAP model has {len(ids)} cameras, but all images in a folder must share one; "
+            "reconstruct with a single camera (--ImageReader.single_camera 1), or with one for each "
+            "folder (--ImageReader.single_camera_per_folder 1)"
+        )
+    return ids
 
 
 def too_few(registered: int, total: int) -> str:

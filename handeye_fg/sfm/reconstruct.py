@@ -1,7 +1,7 @@
 """The ladder from images to a model: strict settings first; entry point ``reconstruct``."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from handeye_fg.sfm.features import (
     Sensitivity,
     fill_database,
     matching_summary,
+    set_cameras,
 )
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
@@ -50,7 +51,7 @@ class _Task:
 
     images: Path
     names: tuple[str, ...]
-    camera: CameraModel | None
+    cameras: Mapping[str, CameraModel] | None
     masks: Path | None
     options: SfmOptions
     seed: int
@@ -70,7 +71,7 @@ class _Found:
 def reconstruct(
     images: Path,
     names: Sequence[str],
-    camera: CameraModel | None,
+    cameras: Mapping[str, CameraModel] | None,
     *,
     masks: Path | None,
     folder: Path,
@@ -79,13 +80,15 @@ def reconstruct(
     progress: Progress,
     refine_intrinsics: bool = False,
 ) -> SfmModel:
-    """Reconstruct camera poses and points, up to a similarity, from images of one camera.
+    """Reconstruct camera poses and points, up to a similarity, from images.
+
+    The images in a folder share a camera; those of one camera may be in none.
 
     Args:
         images: folder of the images.
         names: the images to use, relative to it; others in the folder are not.
-        camera: intrinsics, kept fixed as long as the images can be placed so; None: OPENCV, found
-            from the images.
+        cameras: for each folder of images ("." for none) the intrinsics, kept fixed as long as the
+            images can be placed so; None: OPENCV, found from the images.
         masks: folder of masks ``NAME.png``, white = use; None: everything is used.
         folder: where model and database are kept. A model there is returned when nothing changed.
         options: limits.
@@ -94,7 +97,7 @@ def reconstruct(
         refine_intrinsics: refine the given intrinsics from the start.
 
     Returns:
-        The model; its ``camera`` is what was used in the end.
+        The model; its ``cameras`` are what was used in the end.
 
     Raises:
         InputDataError: the folder cannot be written, or an image cannot be read.
@@ -102,7 +105,7 @@ def reconstruct(
     """
     folder, names = Path(folder), tuple(names)
     digest = inputs_digest(
-        images, names, camera, masks, options, seed, refine_intrinsics=refine_intrinsics
+        images, names, cameras, masks, options, seed, refine_intrinsics=refine_intrinsics
     )
     model = stored_model(folder, digest)
     if model is not None:
@@ -112,12 +115,12 @@ def reconstruct(
     task = _Task(
         images=images,
         names=names,
-        camera=camera,
+        cameras=cameras,
         masks=masks,
         options=options,
         seed=seed,
         progress=progress,
-        refine=refine_intrinsics or camera is None or not covers_image(camera),
+        refine=refine_intrinsics or cameras is None or not all(map(covers_image, cameras.values())),
     )
     with staging(folder) as work:
         found = _climb(task, work)
@@ -183,7 +186,7 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
         database,
         task.images,
         task.names,
-        _refinable(task.camera) if task.refine else task.camera,
+        _refinable(task.cameras) if task.refine else task.cameras,
         masks=task.masks,
         sensitivity=sensitivity,
         options=task.options,
@@ -192,23 +195,28 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
     )
 
 
-def _refinable(camera: CameraModel | None) -> CameraModel | None:
-    """The camera in its own model, but FULL_OPENCV as OPENCV: images do not determine all its 12."""
-    if camera is None or camera.model != "FULL_OPENCV":
-        return camera
-    return fitted_opencv(camera)[0]
+def _refinable(cameras: Mapping[str, CameraModel] | None) -> Mapping[str, CameraModel] | None:
+    """The cameras in their own models, but FULL_OPENCV as OPENCV: images do not determine all its 12."""
+    if cameras is None:
+        return None
+    return {
+        folder: fitted_opencv(camera)[0] if camera.model == "FULL_OPENCV" else camera
+        for folder, camera in cameras.items()
+    }
 
 
 def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
     """The better of the best model so far and that of a rung."""
-    if rung.refine and not task.refine:
-        _replace_camera(database, _refinable(task.camera))
+    start = _refinable(task.cameras)
+    if rung.refine and not task.refine and start is not None:
+        with pycolmap.Database.open(database) as db:
+            set_cameras(db, start)
     reconstruction = map_images(
         database,
         task.images,
         rung,
         n_images=len(task.names),
-        file_camera=task.camera,
+        file_cameras=task.cameras,
         seed=task.seed,
         progress=task.progress,
     )
@@ -217,17 +225,6 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
     if chosen is best.reconstruction:
         return best
     return _Found(reconstruction=chosen, database=database, refined=rung.refine)
-
-
-def _replace_camera(database: Path, camera: CameraModel | None) -> None:
-    """Give the database's only camera other intrinsics."""
-    if camera is None:
-        return
-    with pycolmap.Database.open(database) as db:
-        for native in db.read_all_cameras():
-            native.model = pycolmap.CameraModelId.__members__[camera.model]
-            native.params = list(camera.params)
-            db.update_camera(native)
 
 
 def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str], ...]:

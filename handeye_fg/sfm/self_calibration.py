@@ -1,10 +1,12 @@
 """Intrinsics that the images chose: the bounds on them, and the principal point; ``with_centre``."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pycolmap
 
 from handeye_fg.sfm.native import run_cancellable
-from handeye_fg.types import CameraModel
+from handeye_fg.types import CameraModel, folder_of
 
 # A refined focal length farther from its start than this part of it is a failed self-calibration.
 _FOCAL_CHANGE = 0.3
@@ -12,15 +14,23 @@ _FOCAL_CHANGE = 0.3
 _CENTRE_CHANGE = 0.1
 
 
-def keeps_near(reconstruction: pycolmap.Reconstruction, camera: CameraModel) -> bool:
-    """Whether the focal lengths of all cameras stayed near the given ones."""
-    given = pycolmap.Camera(
+def keeps_near(reconstruction: pycolmap.Reconstruction, cameras: Mapping[str, CameraModel]) -> bool:
+    """Whether the focal lengths of all cameras stayed near those given for their images' folders."""
+    images = (reconstruction.images[i] for i in reconstruction.reg_image_ids())
+    folders = {image.camera_id: folder_of(image.name) for image in images}
+    return all(
+        _same_focal(_native(cameras[folder]), reconstruction.cameras[camera_id])
+        for camera_id, folder in folders.items()
+    )
+
+
+def _native(camera: CameraModel) -> pycolmap.Camera:
+    return pycolmap.Camera(
         model=camera.model,
         width=camera.width,
         height=camera.height,
         params=list(camera.params),
     )
-    return all(_same_focal(given, found) for found in reconstruction.cameras.values())
 
 
 def with_centre(reconstruction: pycolmap.Reconstruction) -> pycolmap.Reconstruction:

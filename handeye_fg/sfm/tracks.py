@@ -62,7 +62,7 @@ def from_tracks(
             Path(folder),
             Rung(relaxed=True, refine=False),
             n_images=len(names),
-            file_camera=None,
+            file_cameras=None,
             seed=seed,
             progress=progress,
         )

@@ -2,9 +2,10 @@
 
 ``scenes``: robots, cameras and what a calibration gets of them, under additive noise. ``series``: the
 random motions of Andreff, Horaud and Espiau's simulations, under proportional noise. ``published``:
-the methods that they compared, as their papers state them.
+the methods that they compared, as their papers state them. ``rig``: several cameras on one arm.
 """
 
+from handeye_fg.simulate.rig import RigScene, simulate_rig
 from handeye_fg.simulate.scenes import (
     ROBOT_ROTATION_SIGMA,
     ROBOT_TRANSLATION_SIGMA,
@@ -22,11 +23,13 @@ __all__ = [
     "ROBOT_ROTATION_SIGMA",
     "ROBOT_TRANSLATION_SIGMA",
     "Motion",
+    "RigScene",
     "Scene",
     "Truth",
     "default_camera",
     "disturbed",
     "project",
     "simulate_poses",
+    "simulate_rig",
     "simulate_scene",
 ]

@@ -141,8 +141,32 @@ def simulate_scene(
     Raises:
         ValueError: the camera sees too little of the scene: no point in two images.
     """
-    camera = default_camera() if camera is None else camera
-    truth = _truth(rng, n_images, motion)
+    return scene_of(
+        rng,
+        truth_of(rng, n_images, motion),
+        default_camera() if camera is None else camera,
+        n_points=n_points,
+        pixel_sigma=pixel_sigma,
+        robot_rotation_sigma=robot_rotation_sigma,
+        robot_translation_sigma=robot_translation_sigma,
+        visibility=visibility,
+        start_sigma=start_sigma,
+    )
+
+
+def scene_of(
+    rng: np.random.Generator,
+    truth: Truth,
+    camera: CameraModel,
+    *,
+    n_points: int,
+    pixel_sigma: float,
+    robot_rotation_sigma: float,
+    robot_translation_sigma: float,
+    visibility: float,
+    start_sigma: float,
+) -> Scene:
+    """What is observed and reported of a truth; arguments and errors are those of ``simulate_scene``."""
     distance = float(np.mean(CAMERA_DISTANCE)) / truth.metres_per_world_unit
 
     # 1. Scene points, in the world frame.
@@ -153,7 +177,7 @@ def simulate_scene(
     # 2. Which image sees which point, and where.
     image_index, point_index = _observed(rng, camera, truth, points_world, visibility)
     if len(point_index) == 0:
-        raise ValueError(f"no point is seen by two images: {n_images=}, {n_points=}, {camera=}")
+        raise ValueError(f"no point is seen by two images: {n_points=}, {camera=}")
     kept, point_index = np.unique(point_index, return_inverse=True)
     points_world = points_world[kept]
     exact = _pixels(camera, truth.world_T_camera, points_world, image_index, point_index)
@@ -164,11 +188,12 @@ def simulate_scene(
     start_poses = disturbed(rng, truth.world_T_camera, start_sigma, start_sigma * distance)
     start_points = points_world + start_sigma * distance * rng.standard_normal(points_world.shape)
     start_pixels = _pixels(camera, start_poses, start_points, image_index, point_index)
-    names = tuple(f"image_{i:04d}.jpg" for i in range(n_images))
+    names = tuple(f"image_{i:04d}.jpg" for i in range(len(truth.world_T_camera)))
     model = SfmModel(
         names=names,
         world_T_camera=start_poses,
-        camera=camera,
+        cameras=(camera,),
+        image_camera=np.zeros(len(names), dtype=np.int64),
         tracks=Tracks(
             points_world=start_points,
             image_index=image_index,
@@ -223,7 +248,7 @@ def simulate_poses(
         base_T_gripper (n, 4, 4) in metres and world_T_camera (n, 4, 4) in world units, both with
         noise, and the truth.
     """
-    truth = _truth(rng, n_poses, motion)
+    truth = truth_of(rng, n_poses, motion)
     world_sigma = camera_translation_sigma / truth.metres_per_world_unit
     return (
         disturbed(rng, truth.base_T_gripper, robot_rotation_sigma, robot_translation_sigma),
@@ -246,7 +271,7 @@ def disturbed(
     return pose(rotation, a_T_b[:, :3, 3] + translation_sigma * noise[:, 3:])
 
 
-def _truth(rng: np.random.Generator, n: int, motion: Motion) -> Truth:
+def truth_of(rng: np.random.Generator, n: int, motion: Motion) -> Truth:
     """Random X, Z, scale and poses."""
     gripper_T_camera = pose(
         _rotation(_directions(rng, 1)[0] * rng.uniform(0.0, np.pi / 2)),

@@ -123,7 +123,8 @@ def _board_model(
     return SfmModel(
         names=board.names,
         world_T_camera=board.target_T_camera,
-        camera=camera,
+        cameras=(camera,),
+        image_camera=np.zeros(len(board.names), dtype=np.int64),
         tracks=Tracks(
             points_world=corners,
             image_index=board.detections.image_index,
@@ -159,7 +160,8 @@ def _joined(
     return SfmModel(
         names=names,
         world_T_camera=world_T_camera,
-        camera=model.camera,
+        cameras=model.cameras,
+        image_camera=np.zeros(len(names), dtype=np.int64),
         tracks=Tracks(
             points_world=np.concatenate([corners, similarity.points(scene.points_world)]),
             image_index=np.concatenate(

@@ -51,7 +51,7 @@ def view_of(scene, camera, intrinsics="auto"):
     return refine_views(
         scene.model,
         scene.robot_poses.base_T_gripper,
-        camera,
+        None if camera is None else [camera],
         linear,
         Options(graph=GraphOptions(intrinsics=intrinsics)),
         "gripper",
@@ -75,10 +75,10 @@ LIMIT = stats.chi2.isf(1e-3, 6)
 def test_a_right_camera_file_is_kept():
     scene = scene_of(0)
     view = view_of(scene, scene.camera)
-    assert not view.refined
-    assert view.camera is scene.camera
-    assert view.std.tolist() == [0.0] * 8
-    assert "were kept" in view.note
+    assert not view.intrinsics[0].refined
+    assert view.intrinsics[0].camera is scene.camera
+    assert view.intrinsics[0].std.tolist() == [0.0] * 8
+    assert "were kept" in view.intrinsics[0].note
     assert nees(view, scene) < LIMIT
 
 
@@ -86,31 +86,31 @@ def test_a_wrong_camera_file_is_contradicted_and_refined():
     scene = scene_of(1)
     wrong = replace(scene.camera, params=scene.camera.params * [1.02, 1.02, 1, 1, 1, 1, 1, 1])
     kept, refined = view_of(scene, wrong, "fixed"), view_of(scene, wrong)
-    assert not kept.refined
+    assert not kept.intrinsics[0].refined
     # The error shows as robot noise that is not there.
     assert kept.refinement.noise.robot_translation > 3 * scene.noise.robot_translation
-    assert refined.refined
-    assert "contradict" in refined.note
+    assert refined.intrinsics[0].refined
+    assert "contradict" in refined.intrinsics[0].note
     assert nees(refined, scene) < LIMIT
-    error = refined.camera.params - scene.camera.params
-    assert (np.abs(error) < 5 * refined.std).all()
+    error = refined.intrinsics[0].camera.params - scene.camera.params
+    assert (np.abs(error) < 5 * refined.intrinsics[0].std).all()
 
 
 @pytest.mark.parametrize("wish", ["prior", "free"])
 def test_intrinsics_are_refined_on_request(wish):
     scene = scene_of(2)
     view = view_of(scene, scene.camera, wish)
-    assert view.refined
-    assert wish in view.note
-    assert (view.std > 0).all()
+    assert view.intrinsics[0].refined
+    assert wish in view.intrinsics[0].note
+    assert (view.intrinsics[0].std > 0).all()
 
 
 def test_without_a_camera_file_the_intrinsics_are_found():
     scene = scene_of(3)
     start = replace(scene.camera, params=scene.camera.params * [1.02, 1.02, 1, 1, 0, 0, 0, 0])
-    view = view_of(replace(scene, model=replace(scene.model, camera=start)), None)
-    assert view.refined
-    assert view.camera.model == "OPENCV"
+    view = view_of(replace(scene, model=replace(scene.model, cameras=(start,))), None)
+    assert view.intrinsics[0].refined
+    assert view.intrinsics[0].camera.model == "OPENCV"
     assert nees(view, scene) < LIMIT
 
 
@@ -118,8 +118,8 @@ def test_without_a_camera_file_the_intrinsics_are_found():
 def test_other_models_are_kept_exactly(camera):
     scene = scene_of(4, camera=camera)
     view = view_of(scene, camera)
-    assert not view.refined
-    assert view.camera is camera
+    assert not view.intrinsics[0].refined
+    assert view.intrinsics[0].camera is camera
     assert nees(view, scene) < LIMIT
     if camera is FULL:
         without_k3 = replace(camera, params=np.where(np.arange(12) == 8, 0.0, camera.params))
@@ -134,13 +134,13 @@ def test_a_model_is_refined_in_its_own_parameters(camera):
     wrong = camera.params.copy()
     wrong[refinable(camera.model)] *= 1.01
     view = view_of(scene, replace(camera, params=wrong), "prior")
-    assert view.refined
-    assert view.camera.model == camera.model
+    assert view.intrinsics[0].refined
+    assert view.intrinsics[0].camera.model == camera.model
     unknown = refinable(camera.model)
     kept = np.setdiff1d(np.arange(len(wrong)), unknown)
-    np.testing.assert_array_equal(view.camera.params[kept], wrong[kept])
-    assert (view.std[kept] == 0.0).all()
-    error = (view.camera.params - camera.params)[unknown]
+    np.testing.assert_array_equal(view.intrinsics[0].camera.params[kept], wrong[kept])
+    assert (view.intrinsics[0].std[kept] == 0.0).all()
+    error = (view.intrinsics[0].camera.params - camera.params)[unknown]
     covariance = view.refinement.intrinsics_covariances[0][np.ix_(unknown, unknown)]
     assert error @ np.linalg.solve(covariance, error) < stats.chi2.isf(1e-3, len(unknown))
     assert nees(view, scene) < LIMIT
@@ -155,7 +155,7 @@ def test_a_distortion_that_folds_the_image_is_refined_or_refused():
     with pytest.raises(InputDataError, match="folds"):
         view_of(scene, folded, "fixed")
     view = view_of(scene, folded)
-    assert view.refined
-    assert "folds" in view.note
-    assert view.camera.model == "FULL_OPENCV"
+    assert view.intrinsics[0].refined
+    assert "folds" in view.intrinsics[0].note
+    assert view.intrinsics[0].camera.model == "FULL_OPENCV"
     assert nees(view, scene) < LIMIT

@@ -128,7 +128,7 @@ def test_known_points_need_neither_parallax_nor_observations():
 def test_the_targets_size_counts_where_the_robot_agrees():
     model, known, reported, truth = draw(4)
     linear = linear_start(reported, model.world_T_camera)
-    view = refine_views(model, reported, model.camera, linear, Options(), "gripper", silent, known)
+    view = refine_views(model, reported, model.cameras, linear, Options(), "gripper", silent, known)
     assert view.scale_note == ""
     assert view.refinement.log_scale_std < 1.1 * LOG_SCALE_SIGMA
     assert nees(view.refinement, truth) < stats.chi2.isf(1e-3, 6)
@@ -137,7 +137,7 @@ def test_the_targets_size_counts_where_the_robot_agrees():
 def test_the_robots_measure_counts_where_it_contradicts_the_target():
     model, known, reported, truth = draw(5, robot_scale=0.96)
     linear = linear_start(reported, model.world_T_camera)
-    view = refine_views(model, reported, model.camera, linear, Options(), "gripper", silent, known)
+    view = refine_views(model, reported, model.cameras, linear, Options(), "gripper", silent, known)
     assert "times as large as its file says" in view.scale_note
     assert "check the lengths in the target file" in view.scale_note
     assert np.exp(view.refinement.state.log_scale) == pytest.approx(0.96, abs=0.01)

@@ -10,7 +10,7 @@ from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.reduced import Layout
 from handeye_fg.graph.reprojection import derivatives
-from handeye_fg.graph.rig import first_camera_poses, image_poses, is_plain, leaders, to_images
+from handeye_fg.graph.rig import first_camera_poses, image_poses, is_plain, to_images
 from handeye_fg.graph.variables import State, moved
 from handeye_fg.lens import lens_of
 from handeye_fg.options import GraphOptions, NoiseOptions
@@ -91,14 +91,6 @@ def test_the_first_camera_is_where_the_first_image_puts_it(state):
     poses[2:4, :3, 3] += 1.0
     again = first_camera_poses(state, poses)
     np.testing.assert_allclose(again.world_T_camera[1], state.world_T_camera[1], atol=1e-12)
-
-
-def test_cameras_that_share_robot_poses_are_tied():
-    assert leaders(Rig(n_cameras=3, camera=CAMERA, pose=POSE)) == (0,)
-    apart = Rig(n_cameras=4, camera=np.array([0, 1, 2, 1, 3, 3]), pose=np.array([0, 1, 1, 2, 3, 0]))
-    assert leaders(apart) == (0, 1)
-    assert is_plain(Rig.of_one_camera(3))
-    assert not is_plain(apart)
 
 
 def test_one_camera_is_the_same_with_and_without_the_map():

@@ -31,7 +31,7 @@ def inputs(tmp_path: Path) -> Path:
 def digest(images: Path, **changes: object) -> str:
     settings = {
         "names": NAMES,
-        "camera": CAMERA,
+        "cameras": {".": CAMERA},
         "masks": images / "masks",
         "options": SfmOptions(),
         "seed": 0,
@@ -57,8 +57,8 @@ def store(folder: Path, key: str) -> None:
 def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
     changed = [
         digest(inputs, names=NAMES[:1]),
-        digest(inputs, camera=None),
-        digest(inputs, camera=replace(CAMERA, params=CAMERA.params + 1e-9)),
+        digest(inputs, cameras=None),
+        digest(inputs, cameras={".": replace(CAMERA, params=CAMERA.params + 1e-9)}),
         digest(inputs, masks=None),
         digest(inputs, options=SfmOptions(max_features=100)),
         digest(inputs, seed=1),

@@ -46,7 +46,7 @@ def place(
         database.parent,
         rung,
         n_images=6,
-        file_camera=file_camera,
+        file_cameras=None if file_camera is None else {".": file_camera},
         seed=0,
         progress=progress,
     )

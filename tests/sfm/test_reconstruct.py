@@ -50,7 +50,7 @@ def run(
     return reconstruct(
         images,
         names,
-        camera,
+        None if camera is None else {".": camera},
         masks=masks,
         folder=folder,
         options=SfmOptions(max_features=2000),

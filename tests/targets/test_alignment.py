@@ -43,7 +43,8 @@ def scene(camera, around, patterns, true_pixels):
     model = SfmModel(
         names=tuple(f"{i}.png" for i in range(1, N)),
         world_T_camera=in_world(truth[1:]),
-        camera=camera,
+        cameras=(camera,),
+        image_camera=np.zeros(N - 1, dtype=int),
         tracks=Tracks(
             points_world=5.0 * (homogeneous @ world_T_target.T)[:, :3],
             image_index=np.repeat(np.arange(N - 1), 20),
