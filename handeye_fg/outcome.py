@@ -13,7 +13,7 @@ from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
 from handeye_fg.scene import Scene
-from handeye_fg.types import LinearStart, Setup, SfmModel
+from handeye_fg.types import LinearStart, SecondStart, Setup, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
@@ -85,6 +85,7 @@ def assemble(
             mean_reprojection_px=model.mean_reprojection_px,
         ),
         target=_target(scene, view),
+        second_start=final.second_start,
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
@@ -149,6 +150,22 @@ def _bad_poses(model: SfmModel, final: Refinement) -> list[str]:
     return named
 
 
+def _told(second: SecondStart) -> list[str]:
+    """What a user must know of the second start."""
+    parts = []
+    if second.restarted:
+        parts.append(
+            "The linear start led to a false optimum; the refinement was repeated from another start."
+        )
+    if not second.agrees:
+        parts.append(
+            "A second start of the refinement ended elsewhere, "
+            f"{np.rad2deg(second.rotation):.2g} deg and {1e3 * second.translation:.2g} mm away: X is "
+            "not reliable; take more images, with large rotations about different axes."
+        )
+    return parts
+
+
 def _target(scene: Scene, view: View) -> TargetSummary | None:
     """What the target gave."""
     if scene.board is None or scene.known is None:
@@ -183,5 +200,7 @@ def _message(scene: Scene, inputs: Inputs, view: View) -> str:
         )
     if not final.converged:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
+    if final.second_start is not None:
+        parts += _told(final.second_start)
     parts += [direction.description for direction in final.observability.free_directions]
     return " ".join(parts)

@@ -237,6 +237,22 @@ class LinearStart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SecondStart:
+    """What a second optimisation from a start far off came to.
+
+    Attributes:
+        agrees: whether it reached the same optimum, within a tenth of X's standard deviation.
+        restarted: whether an earlier second start had found a better optimum, which then was the start.
+        rotation, translation: how far apart the two optima have X, radians and metres.
+    """
+
+    agrees: bool
+    restarted: bool
+    rotation: float
+    translation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseLevels:
     """Standard deviations per axis.
 

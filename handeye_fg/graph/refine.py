@@ -1,6 +1,6 @@
 """Joint refinement of points, camera poses, X, Z, scale and intrinsics; entry point ``refine``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from handeye_fg.graph.outliers import agreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
 from handeye_fg.graph.rig import first_camera_poses, is_plain
+from handeye_fg.graph.second_start import second_start
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import State, intrinsics_key
@@ -32,6 +33,7 @@ _FIRST_TOLERANCE = 1e-3
 _TOLERANCE = 1e-7
 _LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
 _GOOD = 0.25  # part of a step's expected decrease that may be missing
+_MOST_RESTARTS = 2  # from a better optimum; a second one was never seen
 _MOST_SETS = 5  # of robot poses that agree; a second one is rare
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
@@ -142,7 +144,7 @@ def _fitted(
             state=state,
             linearised=linearised,
             solution=solution,
-            iterations=iterations,
+            iterations=done + iterations,
             converged=converged,
         )
 
@@ -295,43 +297,79 @@ def refine(
     _require_finite(start)
     scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
     n_known = 0 if known is None else len(known.points_world)
-    used = np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted
-    kept = without_mismatches(start, model.tracks, scales, n_known)
-    problem = make_problem(
-        kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
-    )
-    residuals = robot_residuals(kept.state, base_T_gripper, inverted=inverted)
-    levels = _first_noise(kept, residuals[used], with_corners=known is not None)
-    limit = options.max_iterations
-    fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress)
+    believed = np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted
+
+    def build(kept: Kept, used: NDArray[np.bool_]) -> Problem:
+        return make_problem(
+            kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
+        )
+
+    iterations, restarts = 0, 0
+    while True:
+        kept = without_mismatches(start, model.tracks, scales, n_known)
+        kept, problem, fit = _optimum(
+            build, kept, n_known, believed, noise, options.max_iterations, progress, iterations
+        )
+        iterations = fit.iterations
+        result = summarise(
+            model,
+            kept.tracks,
+            kept.sigma_scale,
+            fit.state,
+            fit.linearised,
+            fit.solution,
+            robot_residuals(fit.state, base_T_gripper, inverted=inverted),
+            problem.trusted,
+            iterations=iterations,
+            converged=fit.converged,
+            frame=frame,
+        )
+        second, better = second_start(problem, fit.state, result.noise, result.observability, start)
+        result = replace(result, second_start=replace(second, restarted=restarts > 0))
+        if better is None or restarts == _MOST_RESTARTS:
+            return result
+        start, restarts = better, restarts + 1
+        del fit, result  # large, and the next ones take as much again
+
+
+def _optimum(
+    build: Callable[[Kept, NDArray[np.bool_]], Problem],
+    kept: Kept,
+    n_known: int,
+    used: NDArray[np.bool_],
+    noise: NoiseOptions,
+    limit: int,
+    progress: Progress,
+    done: int,
+) -> tuple[Kept, Problem, _Fit]:
+    """The optimum that a start leads to, without mismatches and without wrong robot poses.
+
+    Args:
+        build: makes the problem of certain observations and robot poses.
+        kept: the start and the observations.
+        n_known: number of known points.
+        used: (n,) robot poses that are believed at first.
+        noise: the levels that the user knows.
+        limit: of iterations, in each round.
+        progress: told the number of iterations.
+        done: iterations before; those of the optimum count from there.
+    """
+    problem = build(kept, used)
+    residuals = robot_residuals(kept.state, problem.base_T_gripper, inverted=problem.inverted)
+    levels = _first_noise(kept, residuals[used], with_corners=problem.known is not None)
+    fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
     used, solution = agreeing(fit.linearised, fit.solution, used, noise)
 
     # Mismatches that hid behind a wrong start show now.
     kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
-    problem = make_problem(
-        kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
-    )
-    levels, iterations = solution.noise, fit.iterations
+    problem = build(kept, used)
+    state, levels, done = kept.state, solution.noise, fit.iterations
     del fit, solution  # large, and the next ones take as much again
-    fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, iterations)
-    iterations += fit.iterations
     for _ in range(_MOST_SETS):
+        fit = _fitted(problem, state, levels, noise, _TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise)
         if np.array_equal(used, problem.trusted):
             break
         problem, levels = replace(problem, trusted=used), solution.noise
-        fit = _fitted(problem, fit.state, levels, noise, _TOLERANCE, limit, progress, iterations)
-        iterations += fit.iterations
-    return summarise(
-        model,
-        kept.tracks,
-        kept.sigma_scale,
-        fit.state,
-        fit.linearised,
-        fit.solution,
-        robot_residuals(fit.state, base_T_gripper, inverted=inverted),
-        problem.trusted,
-        iterations=iterations,
-        converged=fit.converged,
-        frame=frame,
-    )
+        state, done = fit.state, fit.iterations
+    return kept, problem, fit

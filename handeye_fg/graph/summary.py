@@ -16,7 +16,7 @@ from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.rig import adjoint, image_poses
 from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
 from handeye_fg.observability import Observability, analyse
-from handeye_fg.types import KnownPoints, NoiseLevels, SfmModel, Tracks
+from handeye_fg.types import KnownPoints, NoiseLevels, SecondStart, SfmModel, Tracks
 
 _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
 
@@ -52,6 +52,7 @@ class Refinement:
         reprojection_rms: (n,) pixels.
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
+        second_start: whether another start leads to the same optimum; None: not tried.
     """
 
     state: State
@@ -76,6 +77,7 @@ class Refinement:
     reprojection_rms: Array
     iterations: int
     converged: bool
+    second_start: SecondStart | None = None
 
     @property
     def observability(self) -> Observability:
@@ -90,9 +92,14 @@ def robot_residuals(state: State, base_T_gripper: Array, *, inverted: bool = Fal
     """
     metric = frames.scaled(state.world_T_camera, float(np.exp(state.log_scale)))
     gripper = state.base_T_world @ metric @ frames.inverse(state.gripper_T_camera)
+    return pose_residuals(gripper, base_T_gripper, inverted=inverted)
+
+
+def pose_residuals(predicted: Array, reported: Array, *, inverted: bool) -> Array:
+    """Reported robot poses (n, 4, 4) against predicted ones (..., n, 4, 4): (..., n, 6)."""
     if inverted:
-        return frames.log(base_T_gripper @ frames.inverse(gripper))
-    return frames.log(frames.inverse(base_T_gripper) @ gripper)
+        return frames.log(reported @ frames.inverse(predicted))
+    return frames.log(frames.inverse(reported) @ predicted)
 
 
 def corner_fit(final: Refinement, n_known: int) -> tuple[int, float]:
@@ -113,7 +120,7 @@ def scale_agrees(asked: Refinement, known: KnownPoints) -> bool:
     return bool(2.0 * special.stdtr(asked.degrees_of_freedom, -pull) > _FALSE_ALARM)
 
 
-def _aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:
+def aligned(base_T_camera: Array, metric_T_camera: Array) -> Array:
     """The rigid transform base_T_metric that best carries one set of cameras to the other."""
     rotation = frames.orthonormalised(
         np.einsum("nij,nkj->ik", base_T_camera[:, :3, :3], metric_T_camera[:, :3, :3])
@@ -182,7 +189,7 @@ def summarise(
         metres_per_world_unit_std=metres_per_unit * observabilities[0].log_scale_std,
         log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
-        base_T_world=_aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
+        base_T_world=aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
         intrinsics_covariances=tuple(
             _intrinsics_covariance(state, layout, covariance, k) for k in range(layout.n_cameras)
         ),

@@ -20,7 +20,14 @@ from handeye_fg.io.results import (
     to_document,
 )
 from handeye_fg.patterns import TargetKind
-from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
+from handeye_fg.types import (
+    CameraModel,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    SecondStart,
+    Setup,
+)
 
 Kind = Literal["rotation", "translation", "scale"]
 
@@ -99,6 +106,9 @@ def from_document(document: object, where: str = "result document") -> Result:
             **_intrinsics(fields.optional_mapping("intrinsics")),
             sfm=_sfm(fields.optional_mapping("sfm")),
             target=_target(fields.mapping("target")) if "target" in fields.values else None,
+            second_start=_second_start(fields.mapping("second_start"))
+            if "second_start" in fields.values
+            else None,
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),
@@ -198,6 +208,15 @@ def _free_direction(fields: Fields) -> FreeDirection:
         vector=fields.array("vector", (3,)),
         frame=fields.text("frame"),
         description=fields.text("description"),
+    )
+
+
+def _second_start(fields: Fields) -> SecondStart:
+    return SecondStart(
+        agrees=fields.flag("agrees"),
+        restarted=fields.flag("restarted"),
+        rotation=math.radians(fields.number("rotation_deg")),
+        translation=fields.number("translation_mm") / 1e3,
     )
 
 

@@ -19,7 +19,14 @@ import numpy as np
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.files import write_atomic
 from handeye_fg.observability import free_lean
-from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, Setup
+from handeye_fg.types import (
+    CameraModel,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    SecondStart,
+    Setup,
+)
 
 SCHEMA_VERSION = "1"
 FILE_NAME = "result.json"
@@ -153,6 +160,8 @@ class Result:
         intrinsics_note: what was done with the intrinsics and why, in words.
         sfm: size of the reconstruction; None where there were no images.
         target: what a known target gave; None without target.
+        second_start: whether another start of the refinement leads to the same optimum; None where
+            there was no refinement.
     """
 
     status: Status
@@ -176,6 +185,7 @@ class Result:
     intrinsics_note: str = ""
     sfm: SfmSummary | None = None
     target: TargetSummary | None = None
+    second_start: SecondStart | None = None
 
     def __post_init__(self) -> None:
         _set_pose(self, "matrix")
@@ -194,6 +204,9 @@ class Result:
                 _check_finite(self.noise, name)
         for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
             _check_finite(self.initial, name)
+        if self.second_start is not None:
+            for name in ("rotation", "translation"):
+                _check_finite(self.second_start, name)
         if (self.status == "partial") != bool(self.free_directions):
             raise ValueError(f"{self.status=} with {len(self.free_directions)} free directions")
         for direction in self.free_directions:
@@ -285,6 +298,7 @@ def to_document(result: Result) -> Document:
         "intrinsics": _intrinsics_document(result),
         "sfm": None if result.sfm is None else asdict(result.sfm),
         **({} if result.target is None else {"target": _target_document(result.target)}),
+        **_second_start_document(result.second_start),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),
@@ -393,6 +407,19 @@ def _intrinsics_document(result: Result) -> Document | None:
 
 def _target_document(target: TargetSummary) -> Document:
     return {**asdict(target), "base_T_target": target.base_T_target.tolist()}
+
+
+def _second_start_document(second: SecondStart | None) -> Document:
+    if second is None:
+        return {}
+    return {
+        "second_start": {
+            "agrees": bool(second.agrees),
+            "restarted": bool(second.restarted),
+            "rotation_deg": math.degrees(second.rotation),
+            "translation_mm": 1e3 * float(second.translation),
+        }
+    }
 
 
 def _start_document(start: LinearStart) -> Document:

@@ -93,6 +93,7 @@ def _context(result: Result) -> dict[str, object]:
         "noise": _noise(result),
         "intrinsics": _intrinsics(result),
         "start": _start(result),
+        "second": wording.second_start(result),
         "sfm": result.sfm,
         "target": None if result.target is None else wording.target_text(result.target),
         "extent": wording.extent(result),

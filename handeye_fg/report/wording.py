@@ -91,6 +91,22 @@ def scale_text(result: Result) -> str:
     return value.replace(" metres", f" ± {std} metres", 1)
 
 
+def second_start(result: Result) -> str:
+    """What a second start of the refinement came to; "" without one."""
+    second = result.second_start
+    if second is None:
+        return ""
+    begun = "The refinement was repeated from another start, with a better end. "
+    if second.agrees:
+        verdict = "A start far off leads to the same optimum."
+    else:
+        verdict = (
+            f"A start far off leads elsewhere: X is {significant(math.degrees(second.rotation), 2)} deg "
+            f"and {significant(1000.0 * second.translation, 2)} mm from there."
+        )
+    return f"{begun if second.restarted else ''}{verdict}"
+
+
 def residual_text(result: Result) -> str:
     """What the closed form leaves over the pairs of motions."""
     start = result.initial

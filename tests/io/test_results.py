@@ -25,7 +25,7 @@ from handeye_fg.io.results import (
     to_document,
     to_json,
 )
-from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels
+from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, SecondStart
 
 quick = settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -73,6 +73,15 @@ images = st.builds(
     influence_rotation=st.none() | positive,
     influence_translation=st.none() | positive,
     reason=words,
+)
+
+
+second_starts = st.builds(
+    SecondStart,
+    agrees=st.booleans(),
+    restarted=st.booleans(),
+    rotation=positive,
+    translation=positive,
 )
 
 
@@ -130,6 +139,7 @@ def results(draw: st.DrawFn) -> Result:
             n_observations=draw(counts),
             mean_reprojection_px=draw(positive),
         ),
+        second_start=draw(st.none() | second_starts),
         observability=draw(figures),
         timing_s=draw(figures),
         provenance=draw(st.dictionaries(words, words | st.integers(-(2**63), 2**63), max_size=3)),

@@ -13,7 +13,7 @@ from handeye_fg.io.results import Result
 from handeye_fg.report import summary_text, write_report
 from handeye_fg.report.page import render
 from handeye_fg.report.wording import printable
-from handeye_fg.types import FreeDirection
+from handeye_fg.types import FreeDirection, SecondStart
 
 ATTACK = "<img src=x onerror=alert(1)>.jpg"
 VOID = {"meta", "br"}
@@ -90,6 +90,16 @@ def test_the_most_influential_pose_comes_first(result: Result) -> None:
     largest = max(result.images, key=lambda image: image.influence_translation or 0.0).name
     assert names[0] == largest
     assert "frame_0005.jpg" not in names  # rejected: it has no influence
+
+
+def test_what_the_second_start_came_to_is_told(result: Result) -> None:
+    assert "start far off" not in render(result)
+    second = SecondStart(agrees=True, restarted=False, rotation=1e-9, translation=1e-9)
+    assert "leads to the same optimum." in render(dataclasses.replace(result, second_start=second))
+    other = SecondStart(agrees=False, restarted=True, rotation=0.1, translation=0.0254)
+    text = " ".join(render(dataclasses.replace(result, second_start=other)).split())
+    assert "X is 5.7 deg and 25 mm from there." in text
+    assert "repeated from another start" in text
 
 
 def test_figures_have_descriptions_and_follow_the_theme(result: Result) -> None:
