@@ -13,7 +13,7 @@ A model therefore has exactly its own parameters when it is refined, and no othe
 Pixels have the first pixel's centre at (0.5, 0.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,9 @@ _FISHEYE = {
 }
 MODELS = (*_PERSPECTIVE, *_FISHEYE)
 _DIM = 12
+# The models that hold all others but FULL_OPENCV, perspective and fisheye: with the first parameters.
+_GENERAL = ("OPENCV", "OPENCV_FISHEYE")
+_GENERAL_PARAMS = 8
 # The denominator of the rational model stays as it is given: images do not tell it from the numerator.
 _KEPT = {"FULL_OPENCV": (9, 10, 11)}
 
@@ -184,6 +187,14 @@ def embedding(model: str) -> Array:
 def refinable(model: str) -> Indices:
     """Which parameters of a model are unknowns when it is refined."""
     return np.setdiff1d(np.arange(embedding(model).shape[1]), _KEPT.get(model, ()))
+
+
+def generalised(camera: CameraModel) -> CameraModel:
+    """The same camera in the model with the most parameters that images determine."""
+    if camera.model == "FULL_OPENCV":
+        return camera
+    params = (embedding(camera.model) @ camera.params)[:_GENERAL_PARAMS]
+    return replace(camera, model=_GENERAL[camera.model in _FISHEYE], params=params)
 
 
 def lens_of(camera: CameraModel) -> Lens:

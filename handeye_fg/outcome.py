@@ -13,7 +13,7 @@ from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
 from handeye_fg.scene import Scene
-from handeye_fg.types import LinearStart, SecondStart, Setup, SfmModel
+from handeye_fg.types import FocalOffset, LinearStart, SecondStart, Setup, SfmModel
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
@@ -77,6 +77,8 @@ def assemble(
         intrinsics_refined=first.refined,
         intrinsics_std=first.std,
         intrinsics_note=first.note,
+        other_intrinsics=first.other,
+        focal_offset=first.focal_offset,
         sfm=SfmSummary(
             n_images=len(inputs.names),
             n_registered=len(model.names),
@@ -198,9 +200,22 @@ def _message(scene: Scene, inputs: Inputs, view: View) -> str:
         parts.append(
             f"The robot poses of {', '.join(bad)} disagree with the others and were left out."
         )
+    for k, one in enumerate(view.intrinsics):
+        if one.focal_offset.confounded:
+            parts.append(_confounded(one.focal_offset, k if len(view.intrinsics) > 1 else None))
     if not final.converged:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
     if final.second_start is not None:
         parts += _told(final.second_start)
     parts += [direction.description for direction in final.observability.free_directions]
     return " ".join(parts)
+
+
+def _confounded(offset: FocalOffset, camera: int | None) -> str:
+    """The warning that focal length and position are confounded; ``camera``: None if there is but one."""
+    of = "" if camera is None else f" of camera {camera}"
+    return (
+        f"Focal length and position along the optical axis{of} are hardly told apart (correlation "
+        f"{offset.correlation:.2f}): 1 % of the one is {1e3 * abs(offset.metres_per_percent):.2g} mm "
+        "of the other; add poses tilted 20 degrees or more about axes across the view."
+    )

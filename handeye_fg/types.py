@@ -272,6 +272,50 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OtherIntrinsics:
+    """X as it is with the other choice of intrinsics: fixed at the given values, or free.
+
+    It is found by one linear step, on the subspace that the data determine.
+
+    Attributes:
+        kind: which choice it is: "free" where the intrinsics were kept, "fixed" where they were refined.
+        gripper_T_camera: X (4, 4), metres.
+        covariance: of X (6, 6), as that of the result.
+        shift_rotation, shift_translation: how far it is from X of the result, radians and metres.
+        shift_sigma: root mean square of the change in units of its own standard deviations, over the
+            directions in which X can change: 1 on average where the given intrinsics are right.
+    """
+
+    kind: Literal["free", "fixed"]
+    gripper_T_camera: Array
+    covariance: Array
+    shift_rotation: float
+    shift_translation: float
+    shift_sigma: float
+
+    def __post_init__(self) -> None:
+        for name, size in (("gripper_T_camera", 4), ("covariance", 6)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (size, size), name))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocalOffset:
+    """How focal length and the camera's position along its optical axis are tied to each other.
+
+    Attributes:
+        correlation: of the two where the intrinsics are unknowns.
+        std_factor: how many times as certain the position is where the focal length is known.
+        metres_per_percent: how far the position moves if the focal length is one per cent larger.
+        confounded: whether the data hardly tell them apart.
+    """
+
+    correlation: float
+    std_factor: float
+    metres_per_percent: float
+    confounded: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreeDirection:
     """One direction that the data leave undetermined.
 

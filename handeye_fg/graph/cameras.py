@@ -12,19 +12,31 @@ from scipy import special
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
+from handeye_fg.graph.freed import Freed, focal_offset, freed, other, refined
 from handeye_fg.graph.problem import IntrinsicsPrior
-from handeye_fg.graph.refine import intrinsics_pull, refine, start_state
+from handeye_fg.graph.refine import refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
 from handeye_fg.intrinsics import covers_image, nearest
-from handeye_fg.lens import embedding, lens_of, refinable
+from handeye_fg.lens import embedding, generalised, lens_of, refinable
 from handeye_fg.options import Options
 from handeye_fg.progress import Progress
-from handeye_fg.types import CameraModel, KnownPoints, LinearStart, Rig, SfmModel
+from handeye_fg.types import (
+    CameraModel,
+    FocalOffset,
+    KnownPoints,
+    LinearStart,
+    OtherIntrinsics,
+    Rig,
+    SfmModel,
+)
 
 # Standard deviations of a camera file's values: what a factory or a hasty calibration leaves.
 _FILE_FOCAL = 0.01  # of the focal length
 _FILE_CENTRE = 0.01  # of the image width
 _FILE_RADIAL, _FILE_TANGENTIAL = 0.1, 0.005
+# With k3 the three radial terms trade with each other, and a file's values of them say little one by one:
+# factors for k1, k2 and k3.
+_THREE_TERMS = (1.0, 10.0, 30.0)
 # Without a file, so wide that they only keep a degenerate problem finite.
 _FREE_FOCAL, _FREE_CENTRE = 0.5, 0.05
 _FREE_RADIAL, _FREE_TANGENTIAL = 1.0, 0.05
@@ -46,12 +58,20 @@ class Intrinsics:
         refined: whether they were unknowns.
         std: standard deviations (k,) of ``camera.params``, zeros where kept.
         note: what was done and why, in words.
+        focal_offset: how focal length and the camera's position along its axis are tied.
+        other: X with the intrinsics free where they were kept, or at the given values where they were
+            refined; None where none were given.
+        contradiction: how the images contradict kept ones, in words, and the camera to be refined; None
+            if they do not.
     """
 
     camera: CameraModel
     refined: bool
     std: Array
     note: str
+    focal_offset: FocalOffset
+    other: OtherIntrinsics | None = None
+    contradiction: tuple[str, CameraModel] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,6 +100,8 @@ def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
     coefficients = np.full(8, radial)
     if not lens.fisheye:
         coefficients[2:4] = tangential
+    if camera.model == "FULL_OPENCV":
+        coefficients[[0, 1, 4]] *= _THREE_TERMS
     family = np.concatenate([focal * lens.focal, [centre * camera.width] * 2, coefficients])
     sigmas, unknown = np.zeros(len(camera.params)), refinable(camera.model)
     sigmas[unknown] = (into.T @ family / into.sum(axis=0))[unknown]
@@ -110,7 +132,12 @@ class _Call:
         return self.options.setup == "eye-to-hand"
 
     def refined(
-        self, given: Sequence[CameraModel], notes: Mapping[int, str], *, free: bool
+        self,
+        given: Sequence[CameraModel],
+        notes: Mapping[int, str],
+        *,
+        free: bool,
+        from_file: bool = True,
     ) -> View:
         """Refine, with the intrinsics of some cameras as unknowns.
 
@@ -118,6 +145,7 @@ class _Call:
             given: intrinsics of each camera; those that are refined have their prior there.
             notes: the cameras whose intrinsics are refined, and why.
             free: whether the prior is wide.
+            from_file: whether the intrinsics were given by the user.
         """
         cameras, priors = list(given), [_fixed(camera) for camera in given]
         for k in notes:
@@ -137,18 +165,58 @@ class _Call:
             inverted=self.inverted,
             trusted=self.linear.trusted,
         )
-        return View(
-            refinement=final,
-            intrinsics=tuple(
-                Intrinsics(
-                    camera=final.state.cameras[k],
-                    refined=k in notes,
-                    std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
-                    note=notes.get(k, "The camera file's intrinsics were kept."),
-                )
-                for k in range(len(given))
-            ),
+        intrinsics = self._kept(final, given, priors)
+        for k, note in notes.items():
+            joint, camera = refined(final, priors[k], k), final.state.cameras[k]
+            intrinsics[k] = Intrinsics(
+                camera=camera,
+                refined=True,
+                std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
+                note=note,
+                focal_offset=focal_offset(joint, camera, priors[k].unknown),
+                other=other(final, joint, k, kept=False) if from_file else None,
+            )
+        return View(refinement=final, intrinsics=tuple(intrinsics[k] for k in range(len(given))))
+
+    def _kept(
+        self,
+        final: Refinement,
+        given: Sequence[CameraModel],
+        priors: Sequence[IntrinsicsPrior],
+    ) -> dict[int, Intrinsics]:
+        """The cameras whose intrinsics were kept, and what the images say of these."""
+        kept = [k for k, prior in enumerate(priors) if not prior.unknown]
+        if not kept:
+            return {}
+        cameras, wide = list(final.state.cameras), list(priors)
+        for k in kept:
+            cameras[k] = generalised(given[k])
+            wide[k] = _prior(cameras[k], free=True)
+        found = freed(
+            self.base_T_gripper,
+            final,
+            replace(final.state, cameras=tuple(cameras)),
+            wide,
+            self.options.noise,
+            self.known,
+            self.options.priors,
+            inverted=self.inverted,
         )
+        result = {}
+        for k in kept:
+            unknown = refinable(given[k].model).tolist()
+            into = embedding(given[k].model)[np.ix_(wide[k].unknown, unknown)]
+            own = found[k].within(into)
+            result[k] = Intrinsics(
+                camera=given[k],
+                refined=False,
+                std=np.zeros(len(given[k].params)),
+                note="The camera file's intrinsics were kept.",
+                focal_offset=focal_offset(own, given[k], unknown),
+                other=other(final, own, k, kept=True),
+                contradiction=_contradiction(found[k], own, given[k], cameras[k]),
+            )
+        return result
 
 
 def refine_views(
@@ -216,7 +284,8 @@ def _with_intrinsics(call: _Call, given: Sequence[CameraModel] | None) -> View:
     if given is None:
         note = "No camera file was given: the intrinsics were found from the images."
         found = call.model.cameras
-        return call.refined(found, dict.fromkeys(range(len(found)), note), free=True)
+        notes = dict.fromkeys(range(len(found)), note)
+        return call.refined(found, notes, free=True, from_file=False)
     wish = call.options.graph.intrinsics
     if wish in ("prior", "free"):
         note = f"The camera file's intrinsics were refined ({wish})."
@@ -228,41 +297,41 @@ def _with_intrinsics(call: _Call, given: Sequence[CameraModel] | None) -> View:
             f"{next(iter(reasons.values()))}, so pixels there have no line of sight; use "
             "--graph.intrinsics prior to refine it, or calibrate the camera again"
         )
+    cameras = list(given)
     while True:
         notes = {
             k: f"{reason}: its intrinsics were refined, with the file's values as prior."
             for k, reason in reasons.items()
         }
-        view = call.refined(given, notes, free=False)
-        more = {} if wish == "fixed" else _contradictions(call, view, given)
-        if not more:
+        view = call.refined(cameras, notes, free=False)
+        more = {k: one.contradiction for k, one in enumerate(view.intrinsics) if one.contradiction}
+        if not more or wish == "fixed":
             return view
-        reasons |= more
+        for k, (reason, camera) in more.items():
+            reasons[k], cameras[k] = reason, camera
 
 
 def _folds(camera: CameraModel) -> str:
     return f"The camera file's distortion ({camera.model}) folds the image over before its corners"
 
 
-def _contradictions(call: _Call, view: View, given: Sequence[CameraModel]) -> dict[int, str]:
-    """The cameras whose intrinsics were kept and that the images contradict, and how, in words."""
-    kept = [k for k, intrinsics in enumerate(view.intrinsics) if not intrinsics.refined]
-    if not kept:
-        return {}
-    priors = [_prior(camera, free=False) for camera in given]
-    pulls = intrinsics_pull(
-        call.base_T_gripper,
-        view.refinement,
-        priors,
-        call.known,
-        call.options.priors,
-        inverted=call.inverted,
-    )
-    found = {}
-    for k in kept:
-        count = len(priors[k].unknown)
-        if pulls[k] > _OVERDISPERSION * special.chdtri(count, _CONTRADICTION):
-            found[k] = (
-                f"The images contradict the camera file (chi-square {pulls[k]:.0f} of {count})"
-            )
-    return found
+def _contradiction(
+    wide: Freed, own: Freed, camera: CameraModel, general: CameraModel
+) -> tuple[str, CameraModel] | None:
+    """How the images contradict kept intrinsics, in words, and the camera to be refined.
+
+    That is the given one, or, where the images see a distortion that its model cannot have, the general
+    one of its family. None if there is no contradiction.
+    """
+    count, more = len(wide.offset), len(wide.offset) - len(own.offset)
+    if not _improbable(wide.pull, count):
+        return None
+    reason = f"The images contradict the camera file (chi-square {wide.pull:.0f} of {count})"
+    if not _improbable(wide.pull - own.pull, more):
+        return reason, camera
+    return f"{reason} and see more distortion than {camera.model} has, but {general.model}", general
+
+
+def _improbable(square: float, count: int) -> bool:
+    """Whether a chi-square of ``count`` is too large for right intrinsics."""
+    return bool(count > 0 and square > _OVERDISPERSION * special.chdtri(count, _CONTRADICTION))

@@ -19,7 +19,7 @@ from handeye_fg.graph.rig import first_camera_poses, is_plain
 from handeye_fg.graph.second_start import second_start
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
-from handeye_fg.graph.variables import State, intrinsics_key
+from handeye_fg.graph.variables import State
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
@@ -193,64 +193,6 @@ def _stepped(
         "the joint refinement diverged: no step lowers its cost; check the robot poses and the "
         "reconstruction"
     )
-
-
-@one_blas_thread()
-def intrinsics_pull(
-    base_T_gripper: Array,
-    kept: Refinement,
-    prior: Sequence[IntrinsicsPrior],
-    known: KnownPoints | None = None,
-    known_x: Sequence[Prior] = (),
-    *,
-    inverted: bool = False,
-) -> Array:
-    """How far the images would move each camera's intrinsics that were kept: chi-squares (k,).
-
-    It is the score test: one linear step from the optimum with the intrinsics as unknowns, against
-    the covariance of that step.
-
-    Args:
-        base_T_gripper: reported robot poses (n, 4, 4), metres.
-        kept: the optimum with the intrinsics at the centre of ``prior``.
-        prior: of each camera's intrinsics, wide; each unknown adds one to the expectation.
-        known: known points, as in the refinement.
-        known_x: what is known of X beforehand, likewise.
-        inverted: the robot poses are gripper_T_base.
-    """
-    observed = Kept(
-        state=kept.state,
-        tracks=kept.tracks,
-        sigma_scale=kept.sigma_scale,
-        pixel=kept.noise.pixel,
-        corner=kept.noise.corner or 1.0,
-    )
-    problem = make_problem(
-        observed,
-        base_T_gripper,
-        "base",
-        prior,
-        known,
-        known_x,
-        ~kept.outliers,
-        inverted=inverted,
-    )
-    solution = estimate_noise(problem.linearised(kept.state), kept.noise, NoiseOptions())
-    return np.array(
-        [
-            _pull(solution, problem.layout.columns(intrinsics_key(k)))
-            for k in range(problem.layout.n_cameras)
-        ]
-    )
-
-
-def _pull(solution: Solution, columns: NDArray[np.int64]) -> float:
-    """The square of a step against its covariance, in scaled units."""
-    step = solution.step[columns]
-    covariance = solution.covariance[np.ix_(columns, columns)]
-    scale = np.sqrt(np.diag(covariance))
-    shaped = covariance / np.outer(scale, scale)
-    return float(step / scale @ np.linalg.solve(shaped, step / scale))
 
 
 @one_blas_thread()

@@ -37,7 +37,9 @@ class Refinement:
         log_scale_std: standard deviation of ``state.log_scale``, the noise levels taken as known.
         base_T_camera: refined camera poses of the images (n, 4, 4), metres.
         base_T_world: the SfM model's world in the base, metres.
-        intrinsics_covariances: for each camera that of its parameters; zeros where fixed.
+        x_and_intrinsics: for each camera the covariance (6 + k, 6 + k) of X and of the k parameters of the
+            camera; zeros where these are fixed.
+        inflation: what the covariances were multiplied with, since they are those of t distributions.
         noise: levels found or given.
         redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
         degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
@@ -66,7 +68,8 @@ class Refinement:
     log_scale_std: float
     base_T_camera: Array
     base_T_world: Array
-    intrinsics_covariances: tuple[Array, ...]
+    x_and_intrinsics: tuple[Array, ...]
+    inflation: float
     noise: NoiseLevels
     redundancy: tuple[float, float, float, float]
     degrees_of_freedom: float
@@ -78,6 +81,11 @@ class Refinement:
     iterations: int
     converged: bool
     second_start: SecondStart | None = None
+
+    @property
+    def intrinsics_covariances(self) -> tuple[Array, ...]:
+        """For each camera that of its parameters (k, k); zeros where fixed."""
+        return tuple(joint[6:, 6:] for joint in self.x_and_intrinsics)
 
     @property
     def observability(self) -> Observability:
@@ -190,9 +198,10 @@ def summarise(
         log_scale_std=float(np.sqrt(np.diag(solution.covariance)[layout.columns(LOG_SCALE)[0]])),
         base_T_camera=base_T_camera,
         base_T_world=aligned(base_T_camera, frames.scaled(model.world_T_camera, metres_per_unit)),
-        intrinsics_covariances=tuple(
-            _intrinsics_covariance(state, layout, covariance, k) for k in range(layout.n_cameras)
+        x_and_intrinsics=tuple(
+            _x_and_intrinsics(state, layout, covariance, k) for k in range(layout.n_cameras)
         ),
+        inflation=found.inflation,
         noise=solution.noise,
         redundancy=solution.redundancy,
         degrees_of_freedom=found.degrees_of_freedom,
@@ -206,13 +215,14 @@ def summarise(
     )
 
 
-def _intrinsics_covariance(state: State, layout: Layout, covariance: Array, camera: int) -> Array:
-    """Covariance of all parameters of a camera, from that of the shared unknowns."""
-    n_params = len(state.cameras[camera].params)
-    result, columns = np.zeros((n_params, n_params)), layout.columns(intrinsics_key(camera))
-    if len(columns):
-        unknown = list(layout.intrinsics[camera])
-        result[np.ix_(unknown, unknown)] = covariance[np.ix_(columns, columns)]
+def _x_and_intrinsics(state: State, layout: Layout, covariance: Array, camera: int) -> Array:
+    """Covariance of X and all parameters of a camera, from that of the shared unknowns."""
+    size = 6 + len(state.cameras[camera].params)
+    result, columns = np.zeros((size, size)), layout.columns(intrinsics_key(camera))
+    unknown = layout.intrinsics[camera] if len(columns) else ()
+    rows = np.append(np.arange(6), 6 + np.array(unknown, dtype=np.int64))
+    columns = np.append(layout.x_columns(camera), columns)
+    result[np.ix_(rows, rows)] = covariance[np.ix_(columns, columns)]
     return result
 
 

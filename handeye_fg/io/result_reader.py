@@ -8,6 +8,7 @@ from typing import Any, Literal, cast, get_args
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
+from handeye_fg.io.other_intrinsics import read_offset, read_other
 from handeye_fg.io.results import (
     FILE_NAME,
     SCHEMA_VERSION,
@@ -163,6 +164,8 @@ def _intrinsics(fields: Fields | None) -> dict[str, Any]:
         "intrinsics_refined": fields.flag("refined"),
         "intrinsics_std": fields.array("std", camera.params.shape),
         "intrinsics_note": fields.text("note"),
+        "other_intrinsics": read_other(fields.optional_mapping("other")),
+        "focal_offset": read_offset(fields.optional_mapping("focal_offset")),
     }
 
 

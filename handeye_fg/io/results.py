@@ -18,12 +18,15 @@ import numpy as np
 
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.files import write_atomic
+from handeye_fg.io.other_intrinsics import offset_document, other_document
 from handeye_fg.observability import free_lean
 from handeye_fg.types import (
     CameraModel,
+    FocalOffset,
     FreeDirection,
     LinearStart,
     NoiseLevels,
+    OtherIntrinsics,
     SecondStart,
     Setup,
 )
@@ -158,6 +161,9 @@ class Result:
         intrinsics_refined: whether they were estimated.
         intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
         intrinsics_note: what was done with the intrinsics and why, in words.
+        other_intrinsics: X with the other choice, free or fixed; None where no intrinsics were given.
+        focal_offset: how focal length and the camera's position along its axis are tied; None where
+            there were no images.
         sfm: size of the reconstruction; None where there were no images.
         target: what a known target gave; None without target.
         second_start: whether another start of the refinement leads to the same optimum; None where
@@ -183,6 +189,8 @@ class Result:
     intrinsics_refined: bool = False
     intrinsics_std: Array | None = None
     intrinsics_note: str = ""
+    other_intrinsics: OtherIntrinsics | None = None
+    focal_offset: FocalOffset | None = None
     sfm: SfmSummary | None = None
     target: TargetSummary | None = None
     second_start: SecondStart | None = None
@@ -237,16 +245,24 @@ def parent_frame(setup: Setup) -> Literal["gripper", "base"]:
 
 def std_rotation_deg(result: Result) -> tuple[float | None, ...]:
     """Standard deviations (3,) of X's rotation about the camera's axes; None where free or unknown."""
-    if result.covariance is None:
-        return (None,) * 3
-    return _without_free(np.degrees(np.degrees(result.covariance[:3, :3])), result, "rotation")
+    return _std_rotation_deg(result, result.covariance)
 
 
 def std_translation_mm(result: Result) -> tuple[float | None, ...]:
     """Standard deviations (3,) of X's position along the camera's axes; None where free or unknown."""
-    if result.covariance is None:
+    return _std_translation_mm(result, result.covariance)
+
+
+def _std_rotation_deg(result: Result, covariance: Array | None) -> tuple[float | None, ...]:
+    if covariance is None:
         return (None,) * 3
-    return _without_free(1e6 * result.covariance[3:, 3:], result, "translation")
+    return _without_free(np.degrees(np.degrees(covariance[:3, :3])), result, "rotation")
+
+
+def _std_translation_mm(result: Result, covariance: Array | None) -> tuple[float | None, ...]:
+    if covariance is None:
+        return (None,) * 3
+    return _without_free(1e6 * covariance[3:, 3:], result, "translation")
 
 
 def result_schema() -> Document:
@@ -390,9 +406,10 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
 
 
 def _intrinsics_document(result: Result) -> Document | None:
-    camera = result.camera
+    camera, other = result.camera, result.other_intrinsics
     if camera is None:
         return None
+    covariance = None if other is None else other.covariance
     return {
         "model": camera.model,
         "params": camera.params.tolist(),
@@ -402,6 +419,10 @@ def _intrinsics_document(result: Result) -> Document | None:
         "refined": bool(result.intrinsics_refined),
         "std": _nested(result.intrinsics_std),
         "note": result.intrinsics_note,
+        "other": other_document(
+            other, _std_rotation_deg(result, covariance), _std_translation_mm(result, covariance)
+        ),
+        "focal_offset": offset_document(result.focal_offset),
     }
 
 

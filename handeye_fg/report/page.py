@@ -165,6 +165,7 @@ def _intrinsics(result: Result) -> dict[str, object] | None:
         "height": camera.height,
         "refined": result.intrinsics_refined,
         "note": result.intrinsics_note,
+        "other": wording.other_intrinsics_text(result),
         "rows": [
             (
                 name,

@@ -150,3 +150,22 @@ def shortened(text: str, length: int = 22) -> str:
         return text
     half = (length - 1) // 2
     return f"{text[:half]}…{text[-half:]}"
+
+
+def other_intrinsics_text(result: Result) -> str:
+    """What X would be with the other choice of intrinsics, and how it is tied to the focal length."""
+    parts = []
+    if (other := result.other_intrinsics) is not None:
+        case = "free intrinsics" if other.kind == "free" else "the given intrinsics fixed"
+        parts.append(
+            f"With {case}, X would be {significant(math.degrees(other.shift_rotation), 2)} deg and "
+            f"{significant(1e3 * other.shift_translation, 2)} mm from here: "
+            f"{number(other.shift_sigma, 2)} times the standard deviation of this change."
+        )
+    if (offset := result.focal_offset) is not None:
+        parts.append(
+            f"If the focal length were 1 % larger, the camera would be "
+            f"{significant(1e3 * offset.metres_per_percent, 2)} mm farther along its optical axis "
+            f"(correlation {number(offset.correlation, 2)})."
+        )
+    return " ".join(parts)

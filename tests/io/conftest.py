@@ -6,7 +6,14 @@ import pytest
 
 from handeye_fg.frames import exp
 from handeye_fg.io.results import ImageReport, Result, SfmSummary
-from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels
+from handeye_fg.types import (
+    CameraModel,
+    FocalOffset,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    OtherIntrinsics,
+)
 
 X = exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))
 
@@ -53,6 +60,17 @@ def make_result(**changes: Any) -> Result:
         "intrinsics_refined": True,
         "intrinsics_std": np.array([0.1, 0.2, 0.3, 0.0]),
         "intrinsics_note": "Refined near the file's values.",
+        "other_intrinsics": OtherIntrinsics(
+            kind="fixed",
+            gripper_T_camera=np.eye(4),
+            covariance=1e-6 * np.eye(6),
+            shift_rotation=2e-4,
+            shift_translation=3.1e-4,
+            shift_sigma=1.25,
+        ),
+        "focal_offset": FocalOffset(
+            correlation=-0.43, std_factor=1.1, metres_per_percent=-1.5e-3, confounded=False
+        ),
         "sfm": SfmSummary(
             n_images=2,
             n_registered=1,

@@ -25,7 +25,15 @@ from handeye_fg.io.results import (
     to_document,
     to_json,
 )
-from handeye_fg.types import CameraModel, FreeDirection, LinearStart, NoiseLevels, SecondStart
+from handeye_fg.types import (
+    CameraModel,
+    FocalOffset,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    OtherIntrinsics,
+    SecondStart,
+)
 
 quick = settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -83,6 +91,22 @@ second_starts = st.builds(
     rotation=positive,
     translation=positive,
 )
+other_intrinsics = st.builds(
+    OtherIntrinsics,
+    kind=st.sampled_from(["free", "fixed"]),
+    gripper_T_camera=poses,
+    covariance=st.builds(lambda size: size * np.eye(6), positive),
+    shift_rotation=positive,
+    shift_translation=positive,
+    shift_sigma=positive,
+)
+focal_offsets = st.builds(
+    FocalOffset,
+    correlation=st.floats(-1.0, 1.0),
+    std_factor=st.floats(1.0, 1e6),
+    metres_per_percent=st.floats(-1.0, -1e-9),
+    confounded=st.booleans(),
+)
 
 
 @st.composite
@@ -132,6 +156,8 @@ def results(draw: st.DrawFn) -> Result:
         intrinsics_refined=draw(st.booleans()),
         intrinsics_std=np.abs(params),
         intrinsics_note=draw(words),
+        other_intrinsics=draw(st.none() | other_intrinsics),
+        focal_offset=draw(st.none() | focal_offsets),
         sfm=SfmSummary(
             n_images=draw(counts),
             n_registered=draw(counts),

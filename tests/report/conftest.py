@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from handeye_fg import frames
 from handeye_fg.io.results import ImageReport, Result, SfmSummary
-from handeye_fg.types import CameraModel, LinearStart, NoiseLevels
+from handeye_fg.types import (
+    CameraModel,
+    FocalOffset,
+    LinearStart,
+    NoiseLevels,
+    OtherIntrinsics,
+)
 
 
 def make_result(**changes: Any) -> Result:
@@ -84,6 +90,17 @@ def make_result(**changes: Any) -> Result:
         "intrinsics_refined": True,
         "intrinsics_std": np.array([0.6, 0.6, 0.4, 0.4, 5e-4, 1e-3, 6e-5, 0.0]),
         "intrinsics_note": "Refined near the values of the file, which the images contradict.",
+        "other_intrinsics": OtherIntrinsics(
+            kind="fixed",
+            gripper_T_camera=np.eye(4),
+            covariance=1e-6 * np.eye(6),
+            shift_rotation=2e-4,
+            shift_translation=3.1e-4,
+            shift_sigma=1.25,
+        ),
+        "focal_offset": FocalOffset(
+            correlation=-0.43, std_factor=1.1, metres_per_percent=-1.5e-3, confounded=False
+        ),
         "sfm": SfmSummary(
             n_images=18,
             n_registered=17,
