@@ -14,9 +14,10 @@ from handeye_fg.io.cameras import read_camera
 from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.io.poses import poses_from_mapping, read_poses
 from handeye_fg.io.targets import read_target
-from handeye_fg.options import Options
+from handeye_fg.options import Options, Setup
 from handeye_fg.patterns import Target
 from handeye_fg.progress import Progress
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Rig, RobotPoses, SfmModel, Tracks, folder_of, folders_of
 
 PosesSource = str | Path | Mapping[str, Array] | RobotPoses
@@ -54,6 +55,10 @@ class Inputs:
     def camera(self) -> CameraModel | None:
         """Given intrinsics of the first camera, or None."""
         return None if self.cameras is None else self.cameras[min(self.cameras)]
+
+    def turns(self, names: Sequence[str], setup: Setup) -> RobotTurns:
+        """How the robot turned from one named image to the next."""
+        return RobotTurns(rotations=self.robot_poses(names)[:, :3, :3], setup=setup)
 
     def robot_poses(self, names: Sequence[str]) -> Array:
         """Poses (n, 4, 4) of the named images, in that order."""

@@ -19,6 +19,12 @@ _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python
 
 # An arm that is worse than this, per axis, is broken; wrong conventions give ten times as much.
 _WORST_ARM_DEG, _WORST_ARM_MM = 2.0, 30.0
+# Static features below this part of all do no harm.
+_WORTH_TELLING = 0.01
+_STATIC: Mapping[Setup, str] = {
+    "eye-in-hand": "text drawn over the images, or the gripper in view",
+    "eye-to-hand": "the static background",
+}
 _LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
 
 
@@ -63,7 +69,7 @@ def assemble(
     return Result(
         status="partial" if free else "ok",
         setup=options.setup,
-        message=_message(scene, inputs, view),
+        message=_message(scene, inputs, view, options.setup),
         matrix=final.state.gripper_T_camera,
         covariance=final.observability.covariance,
         free_directions=free,
@@ -185,13 +191,18 @@ def _target(scene: Scene, view: View) -> TargetSummary | None:
     )
 
 
-def _message(scene: Scene, inputs: Inputs, view: View) -> str:
+def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
     """What came out, in one or two sentences."""
     model, final = scene.model, view.refinement
     n, total = len(model.names), len(inputs.names)
     parts = [f"Calibrated from {n} of {total} images."]
     if inputs.left_out:
         parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
+    if model.static_share >= _WORTH_TELLING:
+        parts.append(
+            f"{100.0 * model.static_share:.0f} % of the features stayed at their pixel while the robot "
+            f"turned ({_STATIC[setup]}) and were left out; masks would tell better what to leave out."
+        )
     if scene.board is not None:
         parts.append(f"The target was found in {len(scene.board.names)} of them.")
     if view.scale_note:

@@ -11,6 +11,7 @@ from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene, find_scene
 from handeye_fg.solvers.rig import rig_start
+from handeye_fg.turns import require_setup_of_poses
 
 
 def calibrate(
@@ -57,6 +58,9 @@ def solve_scene(
     model, known = scene.model, scene.known
     rig, reported = inputs.arm(model)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
+    require_setup_of_poses(
+        inputs.turns(model.names, options.setup), model.world_T_camera[:, :3, :3]
+    )
     linear = rig_start(reported, model.world_T_camera, rig, priors=options.priors)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.

@@ -3,17 +3,24 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from handeye_fg import sfm
-from handeye_fg.errors import ReconstructionError
+import numpy as np
+
+from handeye_fg import frames, sfm
+from handeye_fg.errors import HandEyeError, ReconstructionError
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
 from handeye_fg.options import Options
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
+from handeye_fg.solvers import linear_start
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
-from handeye_fg.types import CameraModel, KnownPoints, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel
 
 _FEWEST_IMAGES = 3
+# A linear start of so many images whose residuals (radians; part of the cameras' extent) are no larger
+# places further cameras to some pixels.
+_FEWEST_TO_COMPLETE = 5
+_SURE_ROTATION, _SURE_TRANSLATION = np.deg2rad(1.0), 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +90,7 @@ def _with_target(
 
 
 def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> SfmModel:
-    return sfm.reconstruct(
+    model = sfm.reconstruct(
         inputs.images,
         inputs.names,
         inputs.cameras,
@@ -92,4 +99,36 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
         options=options.sfm,
         seed=options.seed,
         progress=progress,
+        turns=inputs.turns(inputs.names, options.setup),
+    )
+    return _completed(model, inputs, folder, options)
+
+
+def _completed(model: SfmModel, inputs: Inputs, folder: Path, options: Options) -> SfmModel:
+    """The model with the images that it left out, where robot and matches agree on where they were."""
+    missing = [name for name, _ in model.unregistered]
+    if not missing or len(model.cameras) > 1:
+        return model
+    reported = inputs.robot_poses(model.names)
+    try:
+        linear = linear_start(reported, model.world_T_camera, priors=options.priors)
+    except HandEyeError:
+        return model
+    Z, scale = linear.base_T_world, linear.metres_per_world_unit
+    if Z is None or not _sure(linear, model):
+        return model
+    base_T_camera = inputs.robot_poses(missing) @ linear.gripper_T_camera
+    expected = frames.scaled(frames.inverse(Z) @ base_T_camera, 1.0 / scale)
+    return sfm.complete(folder, model, dict(zip(missing, expected, strict=True)))
+
+
+def _sure(linear: LinearStart, model: SfmModel) -> bool:
+    """Whether a linear start can say where further cameras were."""
+    centres = linear.metres_per_world_unit * model.world_T_camera[:, :3, 3]
+    extent = float(np.sqrt(np.sum(np.var(centres, axis=0))))
+    return (
+        linear.method == "andreff_scale"
+        and len(model.names) >= _FEWEST_TO_COMPLETE
+        and linear.residual_rotation < _SURE_ROTATION
+        and linear.residual_translation < _SURE_TRANSLATION * extent
     )

@@ -150,6 +150,8 @@ class SfmModel:
         tracks: points and observations; ``image_index`` refers to ``names``.
         mean_reprojection_px: mean length of the reprojection errors.
         unregistered: (image name, reason) of the images that were read but have no pose.
+        static_share: part of the features that stayed at their pixel while the robot turned; they were
+            left out.
     """
 
     names: tuple[str, ...]
@@ -159,6 +161,7 @@ class SfmModel:
     tracks: Tracks
     mean_reprojection_px: float
     unregistered: tuple[tuple[str, str], ...]
+    static_share: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.names)

@@ -198,3 +198,58 @@ def test_refine_an_existing_model(scene, monkeypatch):
 def test_unknown_names_of_the_package():
     with pytest.raises(AttributeError, match="no attribute 'solve_everything'"):
         hf.solve_everything  # noqa: B018  # the access itself raises
+
+
+def test_static_features_are_told(images, scene, monkeypatch):
+    model = replace(scene.model, static_share=0.37)
+    monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: model)
+    message = hf.calibrate(images, poses_of(scene), scene.camera).message
+    assert "37 % of the features stayed at their pixel while the robot turned (text" in message
+    model = replace(scene.model, static_share=0.004)
+    assert "stayed" not in hf.calibrate(images, poses_of(scene), scene.camera).message
+
+
+def test_the_other_setup_is_named(images, scene, reconstruction):
+    with pytest.raises(
+        hf.InputDataError, match="images fit --setup eye-in-hand, not --setup eye-to"
+    ):
+        hf.calibrate(images, poses_of(scene), scene.camera, options=hf.Options(setup="eye-to-hand"))
+    turns = reconstruction[0]["turns"]
+    assert turns.setup == "eye-to-hand"
+    inverses = np.swapaxes(scene.robot_poses.base_T_gripper[:, :3, :3], 1, 2)
+    np.testing.assert_allclose(turns.rotations, inverses, atol=1e-12)
+
+
+def test_images_left_out_are_asked_for_where_the_robot_says_they_were(images, scene, monkeypatch):
+    tracks, n = scene.model.tracks, 6
+    kept = tracks.image_index < n
+    part = replace(
+        scene.model,
+        names=scene.model.names[:n],
+        world_T_camera=scene.model.world_T_camera[:n],
+        image_camera=scene.model.image_camera[:n],
+        tracks=replace(
+            tracks,
+            image_index=tracks.image_index[kept],
+            point_index=tracks.point_index[kept],
+            pixels=tracks.pixels[kept],
+        ),
+        unregistered=tuple((name, "why") for name in scene.model.names[n:]),
+    )
+    asked = {}
+
+    def complete(_folder, model, expected):
+        assert model is part
+        asked.update(expected)
+        return scene.model
+
+    monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: part)
+    monkeypatch.setattr(sfm, "complete", complete)
+    result = hf.calibrate(images, poses_of(scene), scene.camera)
+    assert all(image.registered for image in result.images)
+    assert list(asked) == list(scene.model.names[n:])
+    for name, pose in zip(asked, scene.world_T_camera[n:], strict=True):
+        off = frames.log(frames.inverse(pose) @ asked[name])
+        distance = np.linalg.norm(pose[:3, 3] - scene.points_world.mean(axis=0))
+        assert np.rad2deg(np.linalg.norm(off[:3])) < 0.3
+        assert np.linalg.norm(off[3:]) < 0.01 * distance

@@ -121,8 +121,16 @@ def known_points_graph(known: KnownPoints, unit: float = 1.0) -> gtsam.Nonlinear
 
 
 def wide_prior_graph(state: State) -> gtsam.NonlinearFactorGraph:
-    """Keep X finite where the motion leaves it free, without weight where it is determined."""
+    """Keep X finite where the motion leaves it free, without weight where it is determined.
+
+    Cameras likewise: one that shares no points with the others hangs on its robot pose, which may come
+    to be left out.
+    """
     graph = gtsam.NonlinearFactorGraph()
+    extent = float(np.ptp(state.world_T_camera[:, :3, 3], axis=0).max())
+    anywhere = gtsam.noiseModel.Diagonal.Sigmas(pose_sigmas(1.0, extent))
+    for i, world_T_camera in enumerate(state.world_T_camera):
+        graph.addPriorPose3(camera_key(i), gtsam.Pose3(world_T_camera), anywhere)
     model = gtsam.noiseModel.Isotropic.Sigma(6, _WIDE)
     for k, gripper_T_camera in enumerate(state.gripper_T_cameras):
         graph.addPriorPose3(x_key(k), gtsam.Pose3(gripper_T_camera), model)

@@ -5,7 +5,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -14,10 +14,11 @@ import pycolmap
 from handeye_fg.errors import InputDataError
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm.model import to_sfm_model
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
 
 # Raised whenever the settings in this package change, so that older models are not reused.
-RECIPE = 1
+RECIPE = 2
 DATABASE = "database.db"
 _INPUTS = "inputs.json"
 
@@ -31,6 +32,7 @@ def inputs_digest(
     seed: int,
     *,
     refine_intrinsics: bool,
+    turns: RobotTurns | None = None,
 ) -> str:
     """SHA-256 of everything that a reconstruction depends on.
 
@@ -42,6 +44,7 @@ def inputs_digest(
         "pycolmap": pycolmap.__version__,
         "options": {**asdict(options), "threads": None},
         "seed": seed,
+        "turns": None if turns is None else [turns.setup, turns.rotations.tolist()],
         "refine_intrinsics": refine_intrinsics,
         "cameras": None
         if cameras is None
@@ -74,10 +77,11 @@ def stored_model(folder: Path, digest: str) -> SfmModel | None:
         if stored["digest"] != digest:
             return None
         unregistered = tuple((str(name), str(reason)) for name, reason in stored["unregistered"])
+        static_share = float(stored["static_share"])
         reconstruction = pycolmap.Reconstruction(folder)
     except (OSError, ValueError, LookupError, TypeError, RuntimeError):
         return None  # damaged or of another version: made again
-    return to_sfm_model(reconstruction, unregistered)
+    return replace(to_sfm_model(reconstruction, unregistered), static_share=static_share)
 
 
 def check_replaceable(folder: Path) -> None:
@@ -122,6 +126,7 @@ def publish(
     reconstruction: pycolmap.Reconstruction,
     unregistered: tuple[tuple[str, str], ...],
     digest: str,
+    static_share: float = 0.0,
 ) -> None:
     """Put the model, its database and the digest of its inputs into the folder's place at once.
 
@@ -132,6 +137,7 @@ def publish(
         reconstruction: the model.
         unregistered: (image name, reason) of the images without pose.
         digest: of the inputs.
+        static_share: part of the features that were left out because they are static.
 
     Raises:
         InputDataError: something cannot be written.
@@ -141,7 +147,11 @@ def publish(
         finished.mkdir()
         reconstruction.write(finished)
         database.replace(finished / DATABASE)
-        content = {"digest": digest, "unregistered": unregistered}
+        content = {
+            "digest": digest,
+            "unregistered": unregistered,
+            "static_share": static_share,
+        }
         (finished / _INPUTS).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         if folder.exists():
             folder.replace(work / "replaced")

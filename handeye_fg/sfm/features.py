@@ -10,6 +10,8 @@ import pycolmap
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
 from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.sfm.static import drop_static
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, folder_of
 
 # COLMAP's meaning of "all cores".
@@ -51,7 +53,8 @@ def fill_database(
     options: SfmOptions,
     seed: int,
     progress: Progress,
-) -> None:
+    turns: RobotTurns | None = None,
+) -> float:
     """Find features in the named images and match all pairs.
 
     Args:
@@ -65,6 +68,10 @@ def fill_database(
         options: limits.
         seed: of the random samples.
         progress: told "features" and "pairs".
+        turns: how the robot turned from image to image; None: static features are kept.
+
+    Returns:
+        Part of the features that were left out because they are static.
 
     Raises:
         ReconstructionError: COLMAP failed.
@@ -125,6 +132,7 @@ def fill_database(
             "the search for features",
             lambda: progress("features", sum(map(counts.exists_keypoints, ids)), total),
         )
+        static_share = 0.0 if turns is None else drop_static(database, turns)
         n_pairs = comb(total, 2)
         progress("pairs", 0, n_pairs)
         run_cancellable(
@@ -138,6 +146,7 @@ def fill_database(
             "the matching of features",
             lambda: progress("pairs", counts.num_matched_image_pairs(), n_pairs),
         )
+    return static_share
 
 
 def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel]) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +27,11 @@ from handeye_fg.sfm.features import (
     matching_summary,
     set_cameras,
 )
+from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
 from handeye_fg.sfm.self_calibration import with_centre
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
 
 _log = logging.getLogger(__name__)
@@ -43,6 +45,12 @@ _FEWEST_POINTS = 150
 _PLENTY_OF_MATCHES = 300
 # Fewer inliers than this in its best pair: an image was not matched (COLMAP's least is 15).
 _FEWEST_MATCHES = 15
+# Part of all pairs of images that turn as the robot does; with a fifth of the robot poses wrong it is 0.64.
+_AGREEMENT = 0.5
+_STATIC = (
+    "; {:.0f} % of the features stay at their pixel while the robot turns (background of a static camera, "
+    "text over the images) and were left out: give masks of what moves (--masks)"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +65,7 @@ class _Task:
     seed: int
     progress: Progress
     refine: bool
+    turns: RobotTurns | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +75,7 @@ class _Found:
     reconstruction: pycolmap.Reconstruction | None
     database: Path
     refined: bool = False
+    static_share: float = 0.0
 
 
 def reconstruct(
@@ -79,6 +89,7 @@ def reconstruct(
     seed: int,
     progress: Progress,
     refine_intrinsics: bool = False,
+    turns: RobotTurns | None = None,
 ) -> SfmModel:
     """Reconstruct camera poses and points, up to a similarity, from images.
 
@@ -95,17 +106,28 @@ def reconstruct(
         seed: of the random samples.
         progress: told "features", "pairs" and "registered".
         refine_intrinsics: refine the given intrinsics from the start.
+        turns: how the robot turned from image to image, in the order of the names: static features
+            are left out, and pairs of images that contradict the robot where they win. None: it is
+            not asked.
 
     Returns:
         The model; its ``cameras`` are what was used in the end.
 
     Raises:
-        InputDataError: the folder cannot be written, or an image cannot be read.
+        InputDataError: the folder cannot be written, an image cannot be read, or the images turn as
+            the robot would in the other setup.
         ReconstructionError: fewer than 3 images were placed, or COLMAP failed.
     """
     folder, names = Path(folder), tuple(names)
     digest = inputs_digest(
-        images, names, cameras, masks, options, seed, refine_intrinsics=refine_intrinsics
+        images,
+        names,
+        cameras,
+        masks,
+        options,
+        seed,
+        refine_intrinsics=refine_intrinsics,
+        turns=turns,
     )
     model = stored_model(folder, digest)
     if model is not None:
@@ -121,19 +143,30 @@ def reconstruct(
         seed=seed,
         progress=progress,
         refine=refine_intrinsics or cameras is None or not all(map(covers_image, cameras.values())),
+        turns=turns,
     )
     with staging(folder) as work:
-        found = _climb(task, work)
+        found = _by_robot(task, _climb(task, work), work)
         registered = n_registered(found.reconstruction)
         progress("registered", registered, len(names))
         if found.reconstruction is None or registered < FEWEST_IMAGES:
-            raise ReconstructionError(too_few(registered, len(names)))
+            static = _STATIC.format(100.0 * found.static_share) if found.static_share else ""
+            raise ReconstructionError(too_few(registered, len(names)) + static)
         reconstruction = found.reconstruction
         if found.refined:
             reconstruction = with_centre(reconstruction)
         unregistered = _unregistered(found, names)
         model = to_sfm_model(reconstruction, unregistered)
-        publish(work, folder, found.database, reconstruction, unregistered, digest)
+        model = replace(model, static_share=found.static_share)
+        publish(
+            work,
+            folder,
+            found.database,
+            reconstruction,
+            unregistered,
+            digest,
+            found.static_share,
+        )
     return model
 
 
@@ -142,7 +175,10 @@ def _climb(task: _Task, work: Path) -> _Found:
     best = _Found(reconstruction=None, database=work / "strict.db")
     for sensitivity, name in ((STRICT, "strict.db"), (SENSITIVE, "sensitive.db")):
         database = work / name
-        _fill(task, database, sensitivity)
+        static_share = _fill(task, database, sensitivity)
+        if task.turns is not None:
+            check_setup(database, task.turns, task.seed)
+        best = replace(best, static_share=static_share)
         rungs = [
             Rung(relaxed=False, refine=task.refine),
             Rung(relaxed=True, refine=task.refine),
@@ -181,8 +217,26 @@ def _well_matched(database: Path) -> bool:
     return float(np.median(best_pairs)) >= _PLENTY_OF_MATCHES
 
 
-def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
-    fill_database(
+def _by_robot(task: _Task, found: _Found, work: Path) -> _Found:
+    """The model of the pairs that agree with the robot, where that of all pairs contradicts it."""
+    if task.turns is None:
+        return found
+    agreement = model_agreement(found.reconstruction, task.turns)
+    database = work / "agreeing.db"
+    if agreement >= _AGREEMENT or not agreeing_pairs(
+        found.database, database, task.turns, task.seed
+    ):
+        return found
+    other = _better(
+        task, replace(found, reconstruction=None), database, Rung(relaxed=True, refine=task.refine)
+    )
+    if model_agreement(other.reconstruction, task.turns) <= agreement:
+        return found
+    return replace(other, database=found.database)  # with all pairs
+
+
+def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> float:
+    return fill_database(
         database,
         task.images,
         task.names,
@@ -192,6 +246,7 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> None:
         options=task.options,
         seed=task.seed,
         progress=task.progress,
+        turns=task.turns,
     )
 
 
@@ -224,7 +279,7 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
     chosen = largest(best.reconstruction, reconstruction)
     if chosen is best.reconstruction:
         return best
-    return _Found(reconstruction=chosen, database=database, refined=rung.refine)
+    return replace(best, reconstruction=chosen, database=database, refined=rung.refine)
 
 
 def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str], ...]:

@@ -11,10 +11,12 @@ import pytest
 from handeye_fg.errors import InputDataError
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm.cache import check_replaceable, inputs_digest, publish, staging, stored_model
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel
 
 NAMES = ("a.jpg", "b.jpg")
 CAMERA = CameraModel(model="PINHOLE", width=64, height=48, params=np.array([50.0, 50, 32, 24]))
+TURNS = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
 UNREGISTERED = (("z.jpg", "no features found"),)
 
 
@@ -51,7 +53,7 @@ def store(folder: Path, key: str) -> None:
     with staging(folder) as work:
         database = work / "strict.db"
         database.write_bytes(b"database")
-        publish(work, folder, database, reconstruction(), UNREGISTERED, key)
+        publish(work, folder, database, reconstruction(), UNREGISTERED, key, 0.25)
 
 
 def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
@@ -63,6 +65,8 @@ def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
         digest(inputs, options=SfmOptions(max_features=100)),
         digest(inputs, seed=1),
         digest(inputs, refine_intrinsics=True),
+        digest(inputs, turns=TURNS),
+        digest(inputs, turns=TURNS.inverted()),
     ]
     same = digest(inputs)
     assert digest(inputs) == same
@@ -84,6 +88,7 @@ def test_a_stored_model_comes_back_only_for_its_inputs(tmp_path: Path) -> None:
     model = stored_model(folder, "key")
     assert model is not None
     assert (len(model.names), model.unregistered) == (4, UNREGISTERED)
+    assert model.static_share == 0.25
     assert stored_model(folder, "other") is None
     assert [path.name for path in folder.parent.iterdir()] == ["sfm"]
     assert (folder / "database.db").read_bytes() == b"database"
@@ -138,4 +143,8 @@ def test_what_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
 def test_the_content_says_what_it_was_made_from(tmp_path: Path) -> None:
     store(tmp_path / "sfm", "key")
     content = json.loads((tmp_path / "sfm" / "inputs.json").read_text())
-    assert content == {"digest": "key", "unregistered": [["z.jpg", "no features found"]]}
+    assert content == {
+        "digest": "key",
+        "unregistered": [["z.jpg", "no features found"]],
+        "static_share": 0.25,
+    }

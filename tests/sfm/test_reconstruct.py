@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress, silent
 from handeye_fg.sfm import read_model, reconstruct
+from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
 
 pytestmark = pytest.mark.e2e
@@ -46,6 +47,7 @@ def run(
     camera: CameraModel | None = CAMERA,
     masks: Path | None = None,
     progress: Progress = silent,
+    turns: RobotTurns | None = None,
 ) -> SfmModel:
     return reconstruct(
         images,
@@ -56,6 +58,7 @@ def run(
         options=SfmOptions(max_features=2000),
         seed=0,
         progress=progress,
+        turns=turns,
     )
 
 
@@ -79,6 +82,44 @@ def test_poses_agree_with_the_truth(first: tuple[SfmModel, Path, list]) -> None:
     angles = Rotation.from_matrix(ours @ theirs.transpose(0, 2, 1)).magnitude()
     # Some 100 matches of 0.5 px at 550 px give 0.01 degrees; five times that, for their geometry.
     assert np.rad2deg(angles).max() < 0.05
+
+
+def true_turns() -> RobotTurns:
+    truth = json.loads((TABLETOP / "truth.json").read_text())
+    rotations = np.array(truth["base_T_gripper"])[: len(NAMES), :3, :3]
+    return RobotTurns(rotations=rotations, setup="eye-in-hand")
+
+
+def test_text_over_every_image_is_left_out(images: Path, tmp_path: Path) -> None:
+    for name in NAMES:
+        with Image.open(images / name) as image:
+            draw = ImageDraw.Draw(image)
+            for row in range(6):
+                line = f"{row} POSE 12.34 567.8 -90.1 QWERTZ #{row * 7} @ 0.5 m/s"
+                draw.text((20, 30 + 24 * row), line, fill="yellow", font_size=20)
+            image.save(tmp_path / name, quality=95)
+    model = run(tmp_path, tmp_path / "sfm", turns=true_turns())
+    assert model.names == NAMES
+    assert 0.05 < model.static_share < 0.5
+    # None of what is left lies on the text but where the scene shines through.
+    x, y = model.tracks.pixels.T
+    assert np.mean((x > 20) & (x < 400) & (y > 30) & (y < 170)) < 0.05
+    again = run(tmp_path, tmp_path / "sfm", turns=true_turns())
+    assert again.static_share == model.static_share
+    np.testing.assert_array_equal(again.world_T_camera, model.world_T_camera)
+
+
+def test_the_other_setup_is_refused_before_images_are_placed(images: Path, tmp_path: Path) -> None:
+    stages: list[str] = []
+    with pytest.raises(InputDataError, match=r"images fit --setup eye-in-hand.*gripper_T_base"):
+        run(
+            images,
+            tmp_path / "sfm",
+            turns=true_turns().inverted(),
+            progress=lambda stage, *_: stages.append(stage),
+        )
+    assert "registered" not in stages
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_is_counted(first: tuple[SfmModel, Path, list]) -> None:

@@ -1,0 +1,88 @@
+"""Right turns of the camera told from wrong ones by the robot's, and one setup from the other."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from handeye_fg.errors import InputDataError
+from handeye_fg.simulate import simulate_poses
+from handeye_fg.turns import (
+    RobotTurns,
+    agreement,
+    pose_agreement,
+    require_setup,
+    require_setup_of_poses,
+)
+
+
+def random_turns(rng: np.random.Generator, n: int) -> np.ndarray:
+    return Rotation.random(n, random_state=rng).as_matrix()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_fifth_of_right_turns_is_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R_X, robot = random_turns(rng, 1)[0], random_turns(rng, 150)
+    noise = Rotation.from_rotvec(np.deg2rad(0.5) * rng.normal(size=(150, 3))).as_matrix()
+    camera = R_X.T @ robot @ R_X @ noise
+    right = rng.permutation(150) < 30
+    camera[~right] = random_turns(rng, 120)
+    found = agreement(robot, camera)
+    assert found.significant
+    assert found.agrees[right].sum() >= 28
+    assert found.agrees[~right].sum() <= 3
+
+
+def test_chance_is_not_significant() -> None:
+    """Neither where nothing fits nor where the angles do: the worst case, as with inverted poses."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        robot = random_turns(rng, 120)
+        assert not agreement(robot, random_turns(rng, 120)).significant
+        angle = Rotation.from_matrix(robot).magnitude()[:, None]
+        axis = rng.normal(size=(120, 3))
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        assert not agreement(robot, Rotation.from_rotvec(angle * axis).as_matrix()).significant
+
+
+def test_too_few_turns_say_nothing() -> None:
+    found = agreement(np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
+    assert len(found.agrees) == 0
+    assert not found.significant
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_the_wrong_setup_is_refused_with_both_counts(setup: str) -> None:
+    other = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}[setup]
+    reported, camera, _ = simulate_poses(np.random.default_rng(1), n_poses=10)
+    right = RobotTurns(rotations=reported[:, :3, :3], setup=setup)
+    require_setup_of_poses(right, camera[:, :3, :3])
+    assert pose_agreement(right, camera[:, :3, :3]) == pytest.approx(1.0)
+    wrong = right.inverted()
+    assert wrong.setup == other
+    with pytest.raises(
+        InputDataError, match=f"images fit --setup {setup}, not --setup {other}: 45 of"
+    ):
+        require_setup_of_poses(wrong, camera[:, :3, :3])
+
+
+def test_one_axis_accuses_nobody() -> None:
+    """Turns about one axis fit both setups."""
+    reported, camera, _ = simulate_poses(np.random.default_rng(2), n_poses=12, motion="one_axis")
+    turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
+    require_setup_of_poses(turns, camera[:, :3, :3])
+    require_setup_of_poses(turns.inverted(), camera[:, :3, :3])
+
+
+def test_wrong_rows_accuse_nobody() -> None:
+    reported, camera, _ = simulate_poses(np.random.default_rng(3), n_poses=20)
+    reported[:6] = reported[[1, 2, 3, 4, 5, 0]]
+    turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
+    require_setup_of_poses(turns, camera[:, :3, :3])
+    assert 0.4 < pose_agreement(turns, camera[:, :3, :3]) < 0.6  # (14 / 20)^2
+
+
+def test_no_turns_accuse_nobody() -> None:
+    none = np.zeros(0, dtype=np.int64)
+    turns = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
+    require_setup(turns, none, none, np.zeros((0, 3, 3)))
