@@ -65,7 +65,7 @@ def analyse(covariance: Array, gripper_T_camera: Array, frame: str) -> Observabi
     basis = free_basis(covariance)
     scaled = covariance / np.outer(LIMITS, LIMITS)
     return Observability(
-        covariance=_complement(covariance[:6, :6]),
+        covariance=on_determined(covariance[:6, :6]),
         free_directions=_directions(basis, gripper_T_camera[:3, :3], frame),
         free_basis=basis,
         log_scale_std=_log_scale_std(covariance),
@@ -164,7 +164,7 @@ def without_feigned(values: Array, vectors: Array, feigned: Array) -> Array:
     return np.asarray(covariance * np.outer(limits, limits))
 
 
-def _complement(covariance: Array) -> Array:
+def on_determined(covariance: Array) -> Array:
     """A covariance on the complement of its free directions.
 
     Errors along the free directions may have any size. The complement is orthogonal to them in
@@ -184,7 +184,7 @@ def _log_scale_std(covariance: Array) -> float:
     """Standard deviation of ln scale where X's free directions stay as they are."""
     if covariance[6, 6] > USELESS_LOG_SCALE**2:
         return np.inf
-    return float(np.sqrt(_complement(covariance)[6, 6]))
+    return float(np.sqrt(on_determined(covariance)[6, 6]))
 
 
 def _directions(basis: Array, R_X: Array, frame: str) -> tuple[FreeDirection, ...]:

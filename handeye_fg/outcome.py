@@ -9,11 +9,12 @@ import numpy as np
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.graph import Refinement, View, corner_fit
 from handeye_fg.inputs import Inputs
+from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
 from handeye_fg.scene import Scene
-from handeye_fg.types import FocalOffset, LinearStart, SecondStart, Setup, SfmModel
+from handeye_fg.types import FocalOffset, LinearStart, SecondStart, Setup, SfmModel, folder_of
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
@@ -65,14 +66,13 @@ def assemble(
         timing_s: seconds by stage.
     """
     final, model, first = view.refinement, scene.model, view.intrinsics[0]
-    free = final.observability.free_directions
     return Result(
-        status="partial" if free else "ok",
+        status="partial" if any(one.free_directions for one in final.observabilities) else "ok",
         setup=options.setup,
         message=_message(scene, inputs, view, options.setup),
         matrix=final.state.gripper_T_camera,
         covariance=final.observability.covariance,
-        free_directions=free,
+        free_directions=final.observability.free_directions,
         metres_per_world_unit=final.metres_per_world_unit,
         metres_per_world_unit_std=final.metres_per_world_unit_std,
         base_T_world=final.base_T_world,
@@ -94,6 +94,7 @@ def assemble(
         ),
         target=_target(scene, view),
         second_start=final.second_start,
+        cameras=_cameras(model, view) if len(model.cameras) > 1 else (),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
@@ -118,8 +119,8 @@ def _images(
 ) -> tuple[ImageReport, ...]:
     """One report for each image and each pose of the input, by name."""
     base_T_camera = final.base_T_camera
-    if setup == "eye-to-hand":  # the camera stands still: X is its pose in every image
-        base_T_camera = np.broadcast_to(final.state.gripper_T_camera, base_T_camera.shape)
+    if setup == "eye-to-hand":  # the cameras stand still: X is the pose in every image
+        base_T_camera = final.state.gripper_T_cameras[final.state.rig.camera]
     reports = [
         ImageReport(
             name=name,
@@ -174,6 +175,29 @@ def _told(second: SecondStart) -> list[str]:
     return parts
 
 
+def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
+    """What is known of each camera."""
+    final = view.refinement
+    _, first_image = np.unique(model.image_camera, return_index=True)
+    return tuple(
+        CameraReport(
+            name=folder_of(model.names[i]),
+            matrix=final.state.gripper_T_cameras[k],
+            covariance=final.observabilities[k].covariance,
+            free_directions=final.observabilities[k].free_directions,
+            camera=intrinsics.camera,
+            intrinsics_refined=intrinsics.refined,
+            intrinsics_std=intrinsics.std,
+            intrinsics_note=intrinsics.note,
+            other_intrinsics=intrinsics.other,
+            focal_offset=intrinsics.focal_offset,
+            first_T_camera=final.first_T_cameras[k],
+            first_T_camera_covariance=final.first_T_camera_covariances[k],
+        )
+        for k, (i, intrinsics) in enumerate(zip(first_image, view.intrinsics, strict=True))
+    )
+
+
 def _target(scene: Scene, view: View) -> TargetSummary | None:
     """What the target gave."""
     if scene.board is None or scene.known is None:
@@ -218,7 +242,9 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
     if final.second_start is not None:
         parts += _told(final.second_start)
-    parts += [direction.description for direction in final.observability.free_directions]
+    for found in final.observabilities:  # of several cameras one sentence for what they share
+        free = [direction.description for direction in found.free_directions]
+        parts += [description for description in free if description not in parts]
     return " ".join(parts)
 
 

@@ -52,10 +52,18 @@ def _parallax(state: State, tracks: Tracks, kept: Array) -> Array:
     return np.where(cosine_squared > 0, np.sqrt(np.clip(1.0 - cosine_squared, 0.0, None)), 0.0)
 
 
+def _robust_sigma(errors: Array) -> float:
+    """Standard deviation of an error's component, by the median; 1 where there are none."""
+    sigma = float(1.4826 * np.median(np.abs(errors))) if len(errors) else 1.0
+    return max(sigma, _SMALLEST_SIGMA_PX)
+
+
 def without_mismatches(state: State, tracks: Tracks, sigma_scale: Array, n_known: int = 0) -> Kept:
     """Leave out mismatches, and the points whose depth is then no longer determined.
 
-    The first ``n_known`` points are known: they need neither parallax nor observations.
+    The first ``n_known`` points are known: they need neither parallax nor observations. Each of several
+    cameras has a standard deviation of its own: a blurred one must not make the others look worse, nor
+    the wrong intrinsics of one make all its observations mismatches.
 
     Raises:
         ReconstructionError: too few are left to determine cameras and points.
@@ -64,12 +72,15 @@ def without_mismatches(state: State, tracks: Tracks, sigma_scale: Array, n_known
     finite = np.isfinite(errors).all(axis=1)
     length = np.linalg.norm(errors, axis=1)
     corner = tracks.point_index < n_known
-    sigmas = []
-    kept = np.zeros(len(errors), dtype=bool)
+    camera = state.rig.camera[tracks.image_index]
+    sigmas, relative = [], np.ones(len(errors))
     for group in (~corner & finite, corner & finite):
-        sigma = float(1.4826 * np.median(np.abs(errors[group]))) if group.any() else 1.0
-        sigmas.append(max(sigma, _SMALLEST_SIGMA_PX))
-        kept |= group & (length <= _REJECTION_SIGMAS * sigmas[-1])
+        sigmas.append(_robust_sigma(errors[group]))
+        for k in range(state.rig.n_cameras):
+            own = group & (camera == k)
+            relative[own] = _robust_sigma(errors[own]) / sigmas[-1]
+    limits = _REJECTION_SIGMAS * np.where(corner, sigmas[1], sigmas[0]) * relative
+    kept = finite & (length <= limits)
     kept &= corner | (_parallax(state, tracks, kept) >= _MIN_PARALLAX)[tracks.point_index]
     used, point_index = np.unique(
         np.concatenate([np.arange(n_known), tracks.point_index[kept]]), return_inverse=True
@@ -90,7 +101,7 @@ def without_mismatches(state: State, tracks: Tracks, sigma_scale: Array, n_known
     return Kept(
         state=replace(state, points_world=points),
         tracks=left,
-        sigma_scale=sigma_scale[kept],
+        sigma_scale=(sigma_scale * relative)[kept],
         pixel=sigmas[0],
         corner=sigmas[1],
     )

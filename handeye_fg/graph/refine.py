@@ -15,7 +15,7 @@ from handeye_fg.graph.noise import Solution, cost, estimate_noise
 from handeye_fg.graph.outliers import agreeing
 from handeye_fg.graph.problem import IntrinsicsPrior, Problem, make_problem
 from handeye_fg.graph.reduced import Linearised
-from handeye_fg.graph.rig import first_camera_poses, is_plain
+from handeye_fg.graph.rig import apart, first_camera_poses, is_plain
 from handeye_fg.graph.second_start import second_start
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
@@ -248,7 +248,10 @@ def refine(
 
     iterations, restarts = 0, 0
     while True:
-        kept = without_mismatches(start, model.tracks, scales, n_known)
+        # Structure from motion placed each image by itself, which is where its mismatches show.
+        seen = start if is_plain(start.rig) else apart(start, model.world_T_camera)
+        kept = without_mismatches(seen, model.tracks, scales, n_known)
+        kept = replace(kept, state=replace(start, points_world=kept.state.points_world))
         kept, problem, fit = _optimum(
             build, kept, n_known, believed, noise, options.max_iterations, progress, iterations
         )

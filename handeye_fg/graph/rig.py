@@ -63,6 +63,17 @@ def first_camera_poses(state: State, world_T_camera: Array) -> State:
     return replace(state, world_T_camera=implied[order[first]])
 
 
+def apart(state: State, world_T_camera: Array) -> State:
+    """The state with a robot pose for each image, so that every image is where it is said to be.
+
+    Args:
+        state: gives everything else.
+        world_T_camera: of every image (n, 4, 4), translations in world units.
+    """
+    rig = replace(state.rig, pose=np.arange(len(world_T_camera)))
+    return first_camera_poses(replace(state, rig=rig), world_T_camera)
+
+
 def to_images(state: State, layout: Layout) -> sparse.csr_array:
     """Steps of the unknowns with a pose for each image, by steps (d,) of the shared unknowns.
 

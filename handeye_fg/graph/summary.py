@@ -15,7 +15,7 @@ from handeye_fg.graph.reduced import Layout, Linearised
 from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.rig import adjoint, image_poses
 from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
-from handeye_fg.observability import Observability, analyse
+from handeye_fg.observability import Observability, analyse, on_determined
 from handeye_fg.types import KnownPoints, NoiseLevels, SecondStart, SfmModel, Tracks
 
 _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
@@ -31,7 +31,8 @@ class Refinement:
         sigma_scale: their relative standard deviations (m,).
         observabilities: for each camera the covariance of X, and what is free.
         first_T_cameras: each camera in the first (k, 4, 4), metres.
-        first_T_camera_covariances: (k, 6, 6), of a right perturbation; zeros for the first.
+        first_T_camera_covariances: (k, 6, 6), of a right perturbation, on the determined subspace;
+            zeros for the first.
         metres_per_world_unit, metres_per_world_unit_std: the refined cameras' root mean square
             distance from their centre in metres, over the same in the SfM model.
         log_scale_std: standard deviation of ``state.log_scale``, the noise levels taken as known.
@@ -186,6 +187,7 @@ def summarise(
     )
     covariance = found.inflation * found.solution.covariance
     first_T_cameras = frames.inverse(state.gripper_T_camera) @ state.gripper_T_cameras
+    first_T_cameras[0] = np.eye(4)
     return Refinement(
         state=state,
         tracks=tracks,
@@ -233,5 +235,5 @@ def _relative_covariances(first_T_cameras: Array, layout: Layout, covariance: Ar
         to = np.zeros((6, layout.dim))
         to[:, layout.x_columns(k)] = np.eye(6)
         to[:, layout.x_columns()] = -adjoint(frames.inverse(first_T_cameras[k]))
-        result[k] = to @ covariance @ to.T
+        result[k] = on_determined(to @ covariance @ to.T)
     return result

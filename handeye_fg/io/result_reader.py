@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.other_intrinsics import read_offset, read_other
@@ -87,6 +88,7 @@ def from_document(document: object, where: str = "result document") -> Result:
         )
     calibration, scale = fields.mapping("calibration"), fields.mapping("metres_per_world_unit")
     calibration.text("parent", (parent_frame(setup),))
+    cameras = fields.mappings("cameras") if "cameras" in fields.values else ()
     std = scale.optional_number("std")
     try:
         result = Result(
@@ -95,9 +97,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             message=fields.text("message"),
             matrix=calibration.array("matrix", (4, 4)),
             covariance=calibration.optional_array("covariance", (6, 6)),
-            free_directions=tuple(
-                _free_direction(direction) for direction in calibration.mappings("free_directions")
-            ),
+            free_directions=_free_directions(calibration),
             metres_per_world_unit=scale.number("value"),
             metres_per_world_unit_std=math.nan if std is None else std,
             base_T_world=fields.optional_array("base_T_world", (4, 4)),
@@ -106,6 +106,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             images=tuple(_image(image) for image in fields.mappings("images")),
             **_intrinsics(fields.optional_mapping("intrinsics")),
             sfm=_sfm(fields.optional_mapping("sfm")),
+            cameras=tuple(_camera(camera, setup) for camera in cameras),
             target=_target(fields.mapping("target")) if "target" in fields.values else None,
             second_start=_second_start(fields.mapping("second_start"))
             if "second_start" in fields.values
@@ -202,6 +203,26 @@ def _target(fields: Fields) -> TargetSummary:
         corner_px=fields.number("corner_px"),
         base_T_target=fields.array("base_T_target", (4, 4)),
         note=fields.text("note"),
+    )
+
+
+def _camera(fields: Fields, setup: Setup) -> CameraReport:
+    calibration, relative = fields.mapping("calibration"), fields.mapping("first_T_camera")
+    calibration.text("parent", (parent_frame(setup),))
+    return CameraReport(
+        name=fields.text("name"),
+        matrix=calibration.array("matrix", (4, 4)),
+        covariance=calibration.array("covariance", (6, 6)),
+        free_directions=_free_directions(calibration),
+        **_intrinsics(fields.mapping("intrinsics")),
+        first_T_camera=relative.array("matrix", (4, 4)),
+        first_T_camera_covariance=relative.array("covariance", (6, 6)),
+    )
+
+
+def _free_directions(calibration: Fields) -> tuple[FreeDirection, ...]:
+    return tuple(
+        _free_direction(direction) for direction in calibration.mappings("free_directions")
     )
 
 

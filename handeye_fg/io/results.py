@@ -14,12 +14,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Literal, cast
 
-import numpy as np
-
-from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.frames import Array
+from handeye_fg.io.camera_results import (
+    CameraReport,
+    Document,
+    calibration_document,
+    cameras_document,
+    intrinsics_document,
+    nested,
+)
+from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
-from handeye_fg.io.other_intrinsics import offset_document, other_document
-from handeye_fg.observability import free_lean
 from handeye_fg.types import (
     CameraModel,
     FocalOffset,
@@ -33,8 +38,6 @@ from handeye_fg.types import (
 
 SCHEMA_VERSION = "1"
 FILE_NAME = "result.json"
-FREE_COMPONENT = 0.1
-"""A component of X has no standard deviation where a free direction leans on its axis by more."""
 
 _FIGURES_OF_IMAGES = (
     "residual_rotation",
@@ -45,7 +48,6 @@ _FIGURES_OF_IMAGES = (
     "influence_translation",
 )
 
-Document = dict[str, object]
 Status = Literal["ok", "partial"]
 
 
@@ -85,10 +87,10 @@ class ImageReport:
 
     def __post_init__(self) -> None:
         if self.base_T_camera is not None:
-            _set_pose(self, "base_T_camera")
+            set_pose(self, "base_T_camera")
         for name in _FIGURES_OF_IMAGES:
             if getattr(self, name) is not None:
-                _check_finite(self, name)
+                check_finite(self, name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +104,7 @@ class SfmSummary:
     mean_reprojection_px: float
 
     def __post_init__(self) -> None:
-        _check_finite(self, "mean_reprojection_px")
+        check_finite(self, "mean_reprojection_px")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,9 +130,9 @@ class TargetSummary:
     note: str
 
     def __post_init__(self) -> None:
-        _set_pose(self, "base_T_target")
+        set_pose(self, "base_T_target")
         for name in ("rms_px", "corner_px"):
-            _check_finite(self, name)
+            check_finite(self, name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,7 +140,7 @@ class Result:
     """X = parent_T_camera with its uncertainty, and all that a report needs.
 
     Attributes:
-        status: "ok", or "partial" where ``free_directions`` is not empty.
+        status: "ok", or "partial" where ``free_directions`` is not empty, for any camera.
         setup: "eye-in-hand" or "eye-to-hand".
         message: one sentence for a person.
         matrix: X (4, 4), metres: gripper_T_camera, or base_T_camera for eye-to-hand.
@@ -168,6 +170,8 @@ class Result:
         target: what a known target gave; None without target.
         second_start: whether another start of the refinement leads to the same optimum; None where
             there was no refinement.
+        cameras: one entry for each of several cameras, the first of which has the figures above; empty
+            for one camera.
     """
 
     status: Status
@@ -194,30 +198,33 @@ class Result:
     sfm: SfmSummary | None = None
     target: TargetSummary | None = None
     second_start: SecondStart | None = None
+    cameras: tuple[CameraReport, ...] = ()
 
     def __post_init__(self) -> None:
-        _set_pose(self, "matrix")
+        set_pose(self, "matrix")
         if self.base_T_world is not None:
-            _set_pose(self, "base_T_world")
+            set_pose(self, "base_T_world")
         if self.covariance is not None:
-            _set_array(self, "covariance", (6, 6))
+            set_array(self, "covariance", (6, 6))
         if (self.camera is None) != (self.intrinsics_std is None):
             raise ValueError("camera and intrinsics_std must be given together")
         if self.camera is not None:
-            _set_array(self, "intrinsics_std", self.camera.params.shape)
-        _check_finite(self, "metres_per_world_unit")
+            set_array(self, "intrinsics_std", self.camera.params.shape)
+        check_finite(self, "metres_per_world_unit")
         if self.noise is not None:
             of_images = () if self.sfm is None else ("pixel",)
             for name in ("robot_rotation", "robot_translation", *of_images):
-                _check_finite(self.noise, name)
+                check_finite(self.noise, name)
         for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
-            _check_finite(self.initial, name)
+            check_finite(self.initial, name)
         if self.second_start is not None:
             for name in ("rotation", "translation"):
-                _check_finite(self.second_start, name)
-        if (self.status == "partial") != bool(self.free_directions):
-            raise ValueError(f"{self.status=} with {len(self.free_directions)} free directions")
-        for direction in self.free_directions:
+                check_finite(self.second_start, name)
+        free = [*self.free_directions]
+        free += [direction for camera in self.cameras for direction in camera.free_directions]
+        if (self.status == "partial") != bool(free):
+            raise ValueError(f"{self.status=} with {len(free)} free directions")
+        for direction in free:
             if direction.kind != "scale" and direction.frame != parent_frame(self.setup):
                 raise ValueError(
                     f"{direction.frame=} but expected {parent_frame(self.setup)!r}, the parent of X"
@@ -243,28 +250,6 @@ def parent_frame(setup: Setup) -> Literal["gripper", "base"]:
     return "gripper" if setup == "eye-in-hand" else "base"
 
 
-def std_rotation_deg(result: Result) -> tuple[float | None, ...]:
-    """Standard deviations (3,) of X's rotation about the camera's axes; None where free or unknown."""
-    return _std_rotation_deg(result, result.covariance)
-
-
-def std_translation_mm(result: Result) -> tuple[float | None, ...]:
-    """Standard deviations (3,) of X's position along the camera's axes; None where free or unknown."""
-    return _std_translation_mm(result, result.covariance)
-
-
-def _std_rotation_deg(result: Result, covariance: Array | None) -> tuple[float | None, ...]:
-    if covariance is None:
-        return (None,) * 3
-    return _without_free(np.degrees(np.degrees(covariance[:3, :3])), result, "rotation")
-
-
-def _std_translation_mm(result: Result, covariance: Array | None) -> tuple[float | None, ...]:
-    if covariance is None:
-        return (None,) * 3
-    return _without_free(1e6 * covariance[3:, 3:], result, "translation")
-
-
 def result_schema() -> Document:
     """The JSON Schema (2020-12) of ``result.json``."""
     text = resources.files("handeye_fg.io").joinpath("result.schema.json").read_text("utf-8")
@@ -280,39 +265,18 @@ def to_document(result: Result) -> Document:
         "status": result.status,
         "setup": result.setup,
         "message": result.message,
-        "calibration": {
-            "parent": parent,
-            "child": "camera",
-            "sentence": (
-                f"Put a point given in camera coordinates into {parent} coordinates:"
-                f" p_{parent} = {parent}_T_camera p_camera."
-            ),
-            "matrix": result.matrix.tolist(),
-            "translation_m": result.matrix[:3, 3].tolist(),
-            "quaternion_xyzw": quaternion_xyzw(result.matrix[:3, :3]).tolist(),
-            "covariance": _nested(result.covariance),
-            "std_rotation_deg": list(std_rotation_deg(result)),
-            "std_translation_mm": list(std_translation_mm(result)),
-            "free_directions": [
-                {
-                    "kind": direction.kind,
-                    "vector": direction.vector.tolist(),
-                    "frame": direction.frame,
-                    "description": direction.description,
-                }
-                for direction in result.free_directions
-            ],
-        },
+        "calibration": calibration_document(result, parent),
         "metres_per_world_unit": {
             "value": float(result.metres_per_world_unit),
             "std": None if scale_is_free else _finite(result.metres_per_world_unit_std),
         },
-        "base_T_world": _nested(result.base_T_world),
+        "base_T_world": nested(result.base_T_world),
         "noise": _noise_document(result.noise),
         "initial": _start_document(result.initial),
         "images": [_image_document(image) for image in result.images],
-        "intrinsics": _intrinsics_document(result),
+        "intrinsics": intrinsics_document(result),
         "sfm": None if result.sfm is None else asdict(result.sfm),
+        **({"cameras": cameras_document(result.cameras, parent)} if result.cameras else {}),
         **({} if result.target is None else {"target": _target_document(result.target)}),
         **_second_start_document(result.second_start),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
@@ -338,60 +302,8 @@ def to_json(document: Mapping[str, object]) -> str:
     return rows.sub(lambda row: "[" + " ".join(row[1].split()) + "]", text) + "\n"
 
 
-def _set_array(owner: object, name: str, shape: tuple[int, ...]) -> None:
-    """Replace an array by a checked, read-only copy."""
-    array = np.array(getattr(owner, name), dtype=np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"{name}: {array.shape=} but expected finite numbers of shape {shape}")
-    array.setflags(write=False)
-    object.__setattr__(owner, name, array)
-
-
-def _set_pose(owner: object, name: str) -> None:
-    """Replace a pose by a checked, read-only copy."""
-    _set_array(owner, name, (4, 4))
-    matrix: Array = getattr(owner, name)
-    rotation = matrix[:3, :3]
-    is_rigid = (
-        np.abs(rotation).max() < 2.0  # else its square may overflow
-        and np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6)
-        and np.linalg.det(rotation) > 0.0
-        and np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))
-    )
-    if not is_rigid:
-        raise ValueError(f"{name}: not a rigid transform")
-
-
-def _check_finite(owner: object, name: str) -> None:
-    if not math.isfinite(getattr(owner, name)):
-        raise ValueError(f"{name} is {getattr(owner, name)} but expected a finite number")
-
-
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _without_free(
-    covariance: Array, result: Result, kind: Literal["rotation", "translation"]
-) -> tuple[float | None, ...]:
-    """Standard deviations (3,) from a covariance (3, 3); None along the axes that are free."""
-    free = np.zeros(3, dtype=bool)
-    for direction in result.free_directions:
-        if direction.kind == kind:
-            free |= np.abs(result.matrix[:3, :3].T @ direction.vector) > FREE_COMPONENT
-    if result.free_directions and result.covariance is not None:
-        # A free direction of one kind may move the other with it.
-        lean = free_lean(result.covariance)
-        free |= (lean[:3] if kind == "rotation" else lean[3:]) > FREE_COMPONENT
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding leaves -1e-20 on a projection
-    return tuple(
-        None if is_free else value
-        for value, is_free in zip(std.tolist(), free.tolist(), strict=True)
-    )
-
-
-def _nested(array: Array | None) -> object:
-    return None if array is None else array.tolist()
 
 
 def _noise_document(noise: NoiseLevels | None) -> Document | None:
@@ -402,27 +314,6 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
         "robot_rotation_deg": math.degrees(noise.robot_rotation),
         "robot_translation_mm": 1e3 * float(noise.robot_translation),
         "estimated": bool(noise.estimated),
-    }
-
-
-def _intrinsics_document(result: Result) -> Document | None:
-    camera, other = result.camera, result.other_intrinsics
-    if camera is None:
-        return None
-    covariance = None if other is None else other.covariance
-    return {
-        "model": camera.model,
-        "params": camera.params.tolist(),
-        "width": int(camera.width),
-        "height": int(camera.height),
-        "first_pixel_centre": 0.5,
-        "refined": bool(result.intrinsics_refined),
-        "std": _nested(result.intrinsics_std),
-        "note": result.intrinsics_note,
-        "other": other_document(
-            other, _std_rotation_deg(result, covariance), _std_translation_mm(result, covariance)
-        ),
-        "focal_offset": offset_document(result.focal_offset),
     }
 
 
@@ -447,7 +338,7 @@ def _start_document(start: LinearStart) -> Document:
     return {
         "method": start.method,
         "matrix": start.gripper_T_camera.tolist(),
-        "base_T_world": _nested(start.base_T_world),
+        "base_T_world": nested(start.base_T_world),
         "metres_per_world_unit": float(start.metres_per_world_unit),
         "residual_rotation_deg": math.degrees(start.residual_rotation),
         "residual_translation_mm": 1e3 * float(start.residual_translation),
@@ -458,7 +349,7 @@ def _image_document(image: ImageReport) -> Document:
     return {
         "name": image.name,
         "registered": bool(image.registered),
-        "base_T_camera": _nested(image.base_T_camera),
+        "base_T_camera": nested(image.base_T_camera),
         "residual_rotation_deg": _degrees(image.residual_rotation),
         "residual_translation_mm": _millimetres(image.residual_translation),
         "reprojection_rms_px": _number(image.reprojection_rms),

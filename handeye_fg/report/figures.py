@@ -15,7 +15,8 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from handeye_fg import frames
-from handeye_fg.io.results import ImageReport, Result, std_rotation_deg, std_translation_mm
+from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
+from handeye_fg.io.results import ImageReport, Result
 from handeye_fg.report import wording
 
 # Stand-ins that matplotlib draws with and the page replaces by its own colours.

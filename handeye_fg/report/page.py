@@ -10,13 +10,19 @@ from jinja2 import Environment, StrictUndefined
 
 from handeye_fg import frames
 from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.io.camera_results import (
+    CameraReport,
+    Stds,
+    relative_std_rotation_deg,
+    relative_std_translation_mm,
+    std_rotation_deg,
+    std_translation_mm,
+)
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.results import (
     ImageReport,
     Result,
     parent_frame,
-    std_rotation_deg,
-    std_translation_mm,
 )
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
@@ -92,6 +98,7 @@ def _context(result: Result) -> dict[str, object]:
         "scale": wording.scale_text(result),
         "noise": _noise(result),
         "intrinsics": _intrinsics(result),
+        "cameras": [_camera(camera) for camera in result.cameras],
         "start": _start(result),
         "second": wording.second_start(result),
         "sfm": result.sfm,
@@ -209,6 +216,33 @@ def _start(result: Result) -> dict[str, object]:
 
 def _side_by_side(start: Array, final: Array, digits: int) -> tuple[str, str]:
     return "  ".join(wording.numbers(start, digits)), "  ".join(wording.numbers(final, digits))
+
+
+def _camera(camera: CameraReport) -> dict[str, object]:
+    numbers = ", ".join(wording.numbers(camera.camera.params, 4))
+    return {
+        "name": camera.name,
+        "own": _pose_row(
+            camera.name, camera.matrix, std_rotation_deg(camera), std_translation_mm(camera)
+        ),
+        "relative": _pose_row(
+            camera.name,
+            camera.first_T_camera,
+            relative_std_rotation_deg(camera),
+            relative_std_translation_mm(camera),
+        ),
+        "intrinsics": f"{camera.camera.model} {numbers}. {camera.intrinsics_note}",
+    }
+
+
+def _pose_row(name: str, matrix: Array, rotation: Stds, translation: Stds) -> dict[str, str]:
+    return {
+        "name": name,
+        "translation": ", ".join(wording.numbers(matrix[:3, 3], 6)),
+        "quaternion": ", ".join(wording.numbers(quaternion_xyzw(matrix[:3, :3]), 6)),
+        "std_rotation": ", ".join(wording.numbers(rotation, 4)),
+        "std_translation": ", ".join(wording.numbers(translation, 3)),
+    }
 
 
 def _image(image: ImageReport) -> dict[str, object]:

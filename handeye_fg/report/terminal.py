@@ -4,7 +4,14 @@ import math
 from pathlib import Path
 
 from handeye_fg.frames import Array, quaternion_xyzw
-from handeye_fg.io.results import Result, std_rotation_deg, std_translation_mm
+from handeye_fg.io.camera_results import (
+    CameraReport,
+    relative_std_rotation_deg,
+    relative_std_translation_mm,
+    std_rotation_deg,
+    std_translation_mm,
+)
+from handeye_fg.io.results import Result
 from handeye_fg.report import wording
 
 
@@ -33,6 +40,8 @@ def summary_text(result: Result, report: Path | None = None) -> str:
         _row("", "(along the camera's x, y, z axes)"),
         _row("scale", wording.scale_text(result)),
     ]
+    for camera in result.cameras[1:]:
+        lines += _other_camera(camera, name, first=result.cameras[0].name)
     if (noise := result.noise) is not None:
         pixel = f"pixel {wording.significant(noise.pixel)} px, " if result.sfm is not None else ""
         levels = (
@@ -62,6 +71,22 @@ def summary_text(result: Result, report: Path | None = None) -> str:
     if report is not None:
         lines.append(f"Report: {wording.printable(str(report))}")
     return "\n".join(lines)
+
+
+def _other_camera(camera: CameraReport, name: str, *, first: str) -> list[str]:
+    """X of a further camera, and its pose in the first."""
+    rotation = wording.numbers(relative_std_rotation_deg(camera), 4)
+    translation = wording.numbers(relative_std_translation_mm(camera), 3)
+    return [
+        "",
+        f"X of {wording.printable(camera.name)} = {name}",
+        *matrix_lines(camera.matrix),
+        f"{wording.printable(first)}_T_{wording.printable(camera.name)}",
+        *matrix_lines(camera.first_T_camera),
+        _row("std rotation", "  ".join(rotation) + "  deg"),
+        _row("std translation", "  ".join(translation) + "  mm"),
+        "",
+    ]
 
 
 def matrix_lines(matrix: Array) -> list[str]:

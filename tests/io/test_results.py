@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp
+from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.result_reader import from_document, load_result
 from handeye_fg.io.results import (
     ImageReport,
@@ -110,6 +111,26 @@ focal_offsets = st.builds(
 
 
 @st.composite
+def camera_reports(draw: st.DrawFn) -> CameraReport:
+    root = np.array(draw(st.lists(st.floats(-1.0, 1.0), min_size=36, max_size=36))).reshape(6, 6)
+    params = np.array(draw(st.lists(finite, min_size=3, max_size=12)))
+    return CameraReport(
+        name=draw(words),
+        matrix=draw(poses),
+        covariance=root @ root.T,
+        free_directions=(),
+        camera=CameraModel(model="RADIAL", width=640, height=480, params=params),
+        intrinsics_refined=draw(st.booleans()),
+        intrinsics_std=np.abs(params),
+        intrinsics_note=draw(words),
+        other_intrinsics=draw(st.none() | other_intrinsics),
+        focal_offset=draw(st.none() | focal_offsets),
+        first_T_camera=draw(poses),
+        first_T_camera_covariance=root.T @ root,
+    )
+
+
+@st.composite
 def results(draw: st.DrawFn) -> Result:
     setup = draw(st.sampled_from(["eye-in-hand", "eye-to-hand"]))
     frame = "gripper" if setup == "eye-in-hand" else "base"
@@ -166,6 +187,7 @@ def results(draw: st.DrawFn) -> Result:
             mean_reprojection_px=draw(positive),
         ),
         second_start=draw(st.none() | second_starts),
+        cameras=tuple(draw(st.just([]) | st.lists(camera_reports(), min_size=2, max_size=3))),
         observability=draw(figures),
         timing_s=draw(figures),
         provenance=draw(st.dictionaries(words, words | st.integers(-(2**63), 2**63), max_size=3)),
