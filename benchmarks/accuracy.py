@@ -3,7 +3,8 @@
     python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--target FILE|DIR] [--halves] [--output DIR]
 
 A SET is a folder with ``images/``, ``poses.csv``, optionally ``camera.yaml`` and ``masks/``, and
-``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). ``--target`` gives a target file, or
+``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). Where the truth has
+``gripper_T_cameras``, each camera has a row, and so has its pose in the first. ``--target`` gives a target file, or
 a folder of them that are named like the sets. With ``--halves``, the even and the
 odd images are calibrated separately as well: NEES of their difference has 6 degrees of freedom and
 99.9 % limit 22.5. NEES against a reference (not a truth) says little: the reference has errors too.
@@ -18,7 +19,7 @@ import numpy as np
 
 import handeye_fg as hf
 from handeye_fg import frames
-from handeye_fg.io.images import list_images
+from handeye_fg.io.images import list_cameras
 from handeye_fg.io.poses import read_poses
 
 
@@ -33,7 +34,8 @@ def difference(matrix, expected, covariance):
 def calibrated(folder, *, with_camera, output, target=None, every=slice(None)):
     """One calibration, of some of the images."""
     poses = read_poses(folder / "poses.csv")
-    kept = set(list_images(folder / "images")[every])
+    names = sorted({Path(name).name for name in list_cameras(folder / "images")})
+    kept = set(names[every])
     mapping = {
         name: pose
         for name, pose in zip(poses.names, poses.base_T_gripper, strict=True)
@@ -68,6 +70,24 @@ def line(name, result, seconds, expected):
     )
 
 
+def camera_lines(name, result, expected):
+    """A row for each of several cameras, and for its pose in the first."""
+    first = expected[result.cameras[0].name]
+    rows = []
+    for camera in result.cameras:
+        truth = expected[camera.name]
+        rows.append((f"{name} {camera.name}", camera.matrix, truth, camera.covariance))
+    for camera in result.cameras[1:]:
+        truth = np.linalg.inv(first) @ expected[camera.name]
+        label = f"{name} {result.cameras[0].name}_T_{camera.name}"
+        rows.append((label, camera.first_T_camera, truth, camera.first_T_camera_covariance))
+    for label, matrix, truth, covariance in rows:
+        degrees, millimetres, nees = difference(matrix, truth, covariance)
+        std = np.sqrt(np.diag(covariance))
+        largest = f"{np.rad2deg(std[:3].max()):.4f} / {1e3 * std[3:].max():.3f}"
+        yield f"| {label} | | | {degrees:.4f} / {millimetres:.3f} | {nees:.1f} | {largest} | | | |"
+
+
 def main():
     """Run the sets that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -83,7 +103,9 @@ def main():
     )
     for folder in arguments.sets:
         source = next(folder / n for n in ("truth.json", "reference.json") if (folder / n).exists())
-        expected = np.array(json.loads(source.read_text())["gripper_T_camera"])
+        truth = json.loads(source.read_text())
+        expected = np.array(truth["gripper_T_camera"])
+        of_cameras = {key: np.array(X) for key, X in truth.get("gripper_T_cameras", {}).items()}
         parts = {"all": slice(None)}
         if arguments.halves:
             parts |= {"even": slice(0, None, 2), "odd": slice(1, None, 2)}
@@ -103,6 +125,8 @@ def main():
                 every=every,
             )
             print(line(name, results[part], time.perf_counter() - begin, expected), flush=True)
+            if results[part].cameras:
+                print(*camera_lines(name, results[part], of_cameras), sep="\n", flush=True)
         if arguments.halves:
             even, odd = results["even"], results["odd"]
             degrees, millimetres, nees = difference(

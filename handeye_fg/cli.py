@@ -50,14 +50,17 @@ class Calibrate:
     """
 
     images: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IMAGES")]
-    """Folder of the images."""
+    """Folder of the images; of several cameras on one arm with a sub-folder for each, in which images of
+    one robot pose have the same name."""
     poses: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POSES")]
     """CSV file with the header image,x,y,z,qx,qy,qz,qw: for each image name the pose of the gripper
     in the robot's base (metres, Hamilton quaternion)."""
     camera: Path | None = None
-    """Camera file (YAML of OpenCV or ROS). Without it the intrinsics are estimated."""
+    """Camera file (YAML of OpenCV or ROS), or for several cameras a folder with a file for each, named like
+    the sub-folders (cam0.yaml). Without it the intrinsics are estimated."""
     masks: Path | None = None
-    """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png): white is used."""
+    """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png, of several cameras
+    cam0/frame_0000.jpg.png): white is used."""
     target: Path | None = None
     """Target file (YAML): a board of known size that images show, with or without a scene around it."""
     config: Path | None = None

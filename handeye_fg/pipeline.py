@@ -28,9 +28,10 @@ def calibrate(
     """Find the pose of a camera on a robot arm from ordinary images.
 
     Args:
-        images: folder of the images.
+        images: folder of the images, of several cameras with a sub-folder for each.
         poses: CSV file, or {image name: base_T_gripper (4, 4)} in metres.
-        camera: camera file, or intrinsics; None: they are found from the images.
+        camera: camera file, or intrinsics; of several cameras a folder with a file for each, or
+            those that all have; None: they are found from the images.
         masks: folder of masks ``NAME.png``, white = use.
         options: None: defaults.
         target: target file, or a known target that images show; None: no target.

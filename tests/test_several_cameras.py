@@ -11,6 +11,7 @@ from scipy import stats
 
 import handeye_fg as hf
 from handeye_fg import frames, sfm
+from handeye_fg.inputs import read_model_inputs
 from handeye_fg.io.results import result_schema, to_document
 from handeye_fg.patterns import Charuco, Target
 from handeye_fg.report.page import render
@@ -223,6 +224,34 @@ def test_what_does_not_fit_together_is_refused(images, scene, tmp_path):
     Image.new("L", SIZE).save(images / "alone.jpg")
     with pytest.raises(hf.InputDataError, match="1 images lie in it and others in its sub-folder"):
         hf.calibrate(images, poses, camera=camera)
+
+
+def test_an_existing_model_of_several_cameras(scene):
+    """Its cameras' intrinsics are those given; images of one robot pose share it."""
+    model = scene.scene.model
+    inputs, paired = read_model_inputs(model, scene.robot_poses, hf.Options())
+    rig, reported = inputs.arm(paired)
+    np.testing.assert_array_equal(rig.camera, scene.rig.camera)
+    np.testing.assert_array_equal(rig.pose, scene.rig.pose)
+    np.testing.assert_array_equal(reported, scene.robot_poses.base_T_gripper)
+    given = inputs.given(paired)
+    assert given is not None
+    assert [camera.params.tolist() for camera in given] == [
+        camera.params.tolist() for camera in model.cameras
+    ]
+
+
+def test_one_camera_takes_one_image_at_a_robot_pose(scene):
+    model = replace(
+        scene.scene.model,
+        cameras=scene.scene.model.cameras[:1],
+        image_camera=np.zeros(len(scene.scene.model.names), dtype=int),
+    )
+    inputs, paired = read_model_inputs(model, scene.robot_poses, hf.Options())
+    with pytest.raises(
+        hf.InputDataError, match=r"cam0/image_0000\.jpg and cam1/image_0000\.jpg are"
+    ):
+        inputs.arm(paired)
 
 
 def test_masks_lie_in_folders_as_well(images, scene, reconstruction, tmp_path):

@@ -7,7 +7,15 @@ from PIL import Image
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import images
-from handeye_fg.io.images import check_image, check_masks, list_images, pair_names, read_image_set
+from handeye_fg.io.images import (
+    check_image,
+    check_masks,
+    list_cameras,
+    list_images,
+    pair_names,
+    pose_name,
+    read_image_set,
+)
 
 
 def image(path: Path, size: tuple[int, int] = (32, 24), mode: str = "RGB") -> Path:
@@ -30,6 +38,39 @@ def test_listing_needs_a_folder_with_images(tmp_path: Path) -> None:
         list_images(tmp_path / "none")
     with pytest.raises(InputDataError, match=r"no image found, but files named \.bmp \.jpeg"):
         list_images(tmp_path)
+
+
+def test_sub_folders_with_images_are_cameras(tmp_path: Path) -> None:
+    for name in ("right/b.jpg", "right/a.jpg", "left/a.jpg", ".old/a.jpg", "notes/a.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert list_cameras(tmp_path) == ("left/a.jpg", "right/a.jpg", "right/b.jpg")
+    (tmp_path / "c.jpg").touch()
+    with pytest.raises(
+        InputDataError, match="1 images lie in it and others in its sub-folder 'left'"
+    ):
+        list_cameras(tmp_path)
+
+
+def test_a_folder_without_sub_folders_is_one_camera(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match="no image found"):
+        list_cameras(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "a.jpg").touch()
+    assert list_cameras(tmp_path) == ("a.jpg",)
+    with pytest.raises(InputDataError, match="cannot be read"):
+        list_cameras(tmp_path / "none")
+
+
+def test_images_of_several_cameras_share_a_pose() -> None:
+    images = ("left/a.jpg", "left/b.jpg", "right/a.jpg", "right/c.jpg")
+    pairing = pair_names(images, ("a.jpg", "c.jpg", "d.jpg", "left/b.jpg"))
+    assert pairing.paired == images
+    assert pairing.poses_without_image == ("d.jpg",)
+    assert pairing.images_without_pose == ()
+    # A pose under the whole name comes before that of the file's.
+    assert pose_name("left/a.jpg", ("a.jpg", "left/a.jpg")) == "left/a.jpg"
+    assert pose_name("left/a.jpg", ("right/a.jpg",)) is None
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "bmp"])

@@ -30,6 +30,23 @@ def synthetic(n_images: int = 6, n_cameras: int = 1, n_points: int = 60) -> pyco
     return pycolmap.synthesize_dataset(options)
 
 
+def named_by_folder(reconstruction: pycolmap.Reconstruction, n_cameras: int) -> None:
+    """Each camera's images in a folder of their own."""
+    for image in reconstruction.images.values():
+        image.name = f"cam{n_cameras - image.camera_id}/{image.name}"
+
+
+def test_cameras_are_in_the_order_of_their_folders() -> None:
+    reconstruction = synthetic(n_cameras=2)
+    reconstruction.cameras[1].params = [1.01 * p for p in PARAMS]
+    named_by_folder(reconstruction, 2)
+    model = read_model(reconstruction)
+    assert model.image_camera.tolist() == [0, 0, 0, 1, 1, 1]
+    assert [name[:4] for name in model.names] == ["cam0"] * 3 + ["cam1"] * 3
+    np.testing.assert_array_equal(model.cameras[0].params, PARAMS)
+    np.testing.assert_allclose(model.cameras[1].params, 1.01 * np.array(PARAMS))
+
+
 def test_our_chain_projects_to_colmaps_pixels() -> None:
     reconstruction = synthetic()
     model = read_model(reconstruction)
