@@ -1,9 +1,11 @@
 """Calibrate data sets and hold the answers against their truth or reference, and against each other.
 
-    python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--target FILE|DIR] [--halves] [--output DIR]
+    python benchmarks/accuracy.py SET [SET ...] [--no-camera] [--no-masks] [--target FILE|DIR] [--halves]
+        [--output DIR]
 
 A SET is a folder with ``images/``, ``poses.csv``, optionally ``camera.yaml`` and ``masks/``, and
-``truth.json`` or ``reference.json`` (key ``gripper_T_camera``). Where the truth has
+``truth.json`` or ``reference.json`` (key ``gripper_T_camera``, or ``base_T_camera`` of a static camera:
+eye-to-hand). Where the truth has
 ``gripper_T_cameras``, each camera has a row, and so has its pose in the first. ``--target`` gives a target file, or
 a folder of them that are named like the sets. With ``--halves``, the even and the
 odd images are calibrated separately as well: NEES of their difference has 6 degrees of freedom and
@@ -31,7 +33,7 @@ def difference(matrix, expected, covariance):
     return degrees, 1e3 * np.linalg.norm(matrix[:3, 3] - expected[:3, 3]), nees
 
 
-def calibrated(folder, *, with_camera, output, target=None, every=slice(None)):
+def calibrated(folder, *, with_camera, with_masks, setup, output, target=None, every=slice(None)):
     """One calibration, of some of the images."""
     poses = read_poses(folder / "poses.csv")
     names = sorted({Path(name).name for name in list_cameras(folder / "images")})
@@ -46,7 +48,8 @@ def calibrated(folder, *, with_camera, output, target=None, every=slice(None)):
         folder / "images",
         mapping,
         camera=camera if with_camera and camera.exists() else None,
-        masks=masks if masks.exists() else None,
+        masks=masks if with_masks and masks.exists() else None,
+        options=hf.Options(setup=setup),
         target=target,
         output=output,
     )
@@ -93,6 +96,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sets", nargs="+", type=Path)
     parser.add_argument("--no-camera", action="store_true")
+    parser.add_argument("--no-masks", action="store_true")
     parser.add_argument("--target", type=Path)
     parser.add_argument("--halves", action="store_true")
     parser.add_argument("--output", type=Path, default=Path("out/accuracy"))
@@ -104,7 +108,8 @@ def main():
     for folder in arguments.sets:
         source = next(folder / n for n in ("truth.json", "reference.json") if (folder / n).exists())
         truth = json.loads(source.read_text())
-        expected = np.array(truth["gripper_T_camera"])
+        static = "base_T_camera" in truth
+        expected = np.array(truth["base_T_camera" if static else "gripper_T_camera"])
         of_cameras = {key: np.array(X) for key, X in truth.get("gripper_T_cameras", {}).items()}
         parts = {"all": slice(None)}
         if arguments.halves:
@@ -112,6 +117,7 @@ def main():
         results = {}
         for part, every in parts.items():
             name = f"{folder.name} {part}" + (", no camera file" if arguments.no_camera else "")
+            name += ", no masks" if arguments.no_masks else ""
             target = arguments.target
             if target is not None:
                 target = target / f"{folder.name}.yaml" if target.is_dir() else target
@@ -120,6 +126,8 @@ def main():
             results[part] = calibrated(
                 folder,
                 with_camera=not arguments.no_camera,
+                with_masks=not arguments.no_masks,
+                setup="eye-to-hand" if static else "eye-in-hand",
                 target=target,
                 output=arguments.output / name.replace(" ", "_").replace(",", ""),
                 every=every,
