@@ -3,6 +3,7 @@
 Arrays are copied to float64 (indices to int64) and made read-only. Types that hold arrays compare by identity.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -265,6 +266,8 @@ class NoiseLevels:
         robot_translation: of a reported robot pose, metres.
         estimated: whether they were found from the data (else given by the user).
         corner: of an observed corner of a known target, pixels; None without target.
+        image_inflation: variance of what the images say together, over that of independent errors of
+            the size ``pixel``: neighbouring features err alike.
     """
 
     pixel: float
@@ -272,6 +275,12 @@ class NoiseLevels:
     robot_translation: float
     estimated: bool
     corner: float | None = None
+    image_inflation: float = 1.0
+
+    @property
+    def image_sigma(self) -> float:
+        """Standard deviation with which an observation counts, pixels."""
+        return self.pixel * math.sqrt(self.image_inflation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

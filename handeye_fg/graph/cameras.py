@@ -41,10 +41,8 @@ _THREE_TERMS = (1.0, 10.0, 30.0)
 _FREE_FOCAL, _FREE_CENTRE = 0.5, 0.05
 _FREE_RADIAL, _FREE_TANGENTIAL = 1.0, 0.05
 
-# The images contradict the file where its values are this improbable. The errors of features are
-# not quite independent, which makes the statistic two to three times as large as chi-square has it.
+# The images contradict the file where its values are this improbable.
 _CONTRADICTION = 1e-6
-_OVERDISPERSION = 3.0
 # A standard deviation of the logarithm of the scale that leaves it to the robot.
 _FREE_LOG_SCALE = 1.0
 
@@ -334,4 +332,4 @@ def _contradiction(
 
 def _improbable(square: float, count: int) -> bool:
     """Whether a chi-square of ``count`` is too large for right intrinsics."""
-    return bool(count > 0 and square > _OVERDISPERSION * special.chdtri(count, _CONTRADICTION))
+    return bool(count > 0 and square > special.chdtri(count, _CONTRADICTION))

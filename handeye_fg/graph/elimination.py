@@ -200,14 +200,49 @@ def _by_points(blocks: Array, batch: Batch, n_points: int) -> sparse.bsr_array:
     return sparse.bsr_array((blocks, batch.point, rows), shape=(2 * m, 3 * n_points))
 
 
+def _orthonormal(blocks: Array, batch: Batch) -> tuple[sparse.bsr_array, Array]:
+    """Q and L^-1 (p, 3, 3) of the derivatives by the points."""
+    n_points = batch.points.stop - batch.points.start
+    squares = np.swapaxes(blocks, 1, 2) @ blocks
+    V = np.add.reduceat(squares, np.searchsorted(batch.point, np.arange(n_points)))
+    inverse_root = np.asarray(np.linalg.inv(np.linalg.cholesky(V)), dtype=np.float64)
+    Q = _by_points(blocks @ np.swapaxes(inverse_root, 1, 2)[batch.point], batch, n_points)
+    return Q, inverse_root
+
+
+def projected(
+    parts: Sequence[Batch], state: State, layout: Layout, directions: Array
+) -> tuple[Array, Array]:
+    """Information (d, q) of observations of unknown points along directions (d, q), and gradient (d,).
+
+    What ``eliminate`` gives, times the directions, without the large matrix.
+
+    Args:
+        parts: the observations.
+        state: where to linearise.
+        layout: of the shared unknowns, with a pose for each image.
+        directions: steps of the shared unknowns.
+    """
+    n, intrinsics = 6 * layout.n_poses, layout.intrinsics_columns
+    product, gradient = np.zeros(directions.shape), np.zeros(layout.dim)
+    for batch in parts:
+        whitened = _whitened(batch, state, layout)
+        by_cameras, by_intrinsics = whitened.by_cameras, whitened.others[:, :-1]
+        seen = by_cameras.T @ directions[:n] + by_intrinsics @ directions[intrinsics]
+        Q, _ = _orthonormal(whitened.by_point, batch)
+        rest = np.column_stack([seen, whitened.others[:, -1]])
+        rest -= Q @ (Q.T @ rest)
+        for rows, found in ((np.s_[:n], by_cameras @ rest), (intrinsics, by_intrinsics.T @ rest)):
+            product[rows] += found[:, :-1]
+            gradient[rows] += found[:, -1]
+    return product, gradient
+
+
 def _eliminated(batch: Batch, state: State, layout: Layout) -> _Part:
     """Linearise a batch and eliminate its points."""
     whitened = _whitened(batch, state, layout)
-    C, P, E = whitened.by_cameras, whitened.by_point, whitened.others
-    n_points = batch.points.stop - batch.points.start
-    V = np.add.reduceat(np.swapaxes(P, 1, 2) @ P, np.searchsorted(batch.point, np.arange(n_points)))
-    inverse_root = np.asarray(np.linalg.inv(np.linalg.cholesky(V)), dtype=np.float64)
-    Q = _by_points(P @ np.swapaxes(inverse_root, 1, 2)[batch.point], batch, n_points)
+    C, E = whitened.by_cameras, whitened.others
+    Q, inverse_root = _orthonormal(whitened.by_point, batch)
     Y, q_others = C @ Q, Q.T @ E
     return _Part(
         cameras=((0, C @ C.T), *_lower_square(Y)),

@@ -100,7 +100,7 @@ def _weights(noise: NoiseLevels) -> Array:
 def _normal_equations(problem: Linearised, noise: NoiseLevels) -> tuple[Array, Array]:
     """Information matrix (d, d) and right-hand side (d,) with the given levels."""
     hessian, gradient = scatter(problem.robot, _weights(noise), problem.layout.dim)
-    unit = noise.pixel / problem.pixel_unit_px
+    unit = noise.image_sigma / problem.pixel_unit_px
     parts = [(problem.reprojections, unit), (problem.prior, 1.0)]
     parts += [(problem.corners, _corner(noise))] if problem.corner_rows else []
     parts += [] if problem.held is None else [(problem.held, 1.0)]
@@ -113,7 +113,7 @@ def _normal_equations(problem: Linearised, noise: NoiseLevels) -> tuple[Array, A
 def cost(problem: Linearised, noise: NoiseLevels) -> float:
     """Cost of the linearised problem without a step, but with the unknown points at their best."""
     squares = float(np.sum(_weights(noise) * problem.robot.residual**2))
-    squares += problem.reprojections.constant * (problem.pixel_unit_px / noise.pixel) ** 2
+    squares += problem.reprojections.constant * (problem.pixel_unit_px / noise.image_sigma) ** 2
     squares += problem.corners.constant / _corner(noise) ** 2 + problem.prior.constant
     return 0.5 * (squares + (0.0 if problem.held is None else problem.held.constant))
 
@@ -132,7 +132,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     predicted = predicted_covariance(robot, covariance)
     leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
     rotation_used, translation_used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
-    pixel_used = np.sum(images.hessian * covariance) * (problem.pixel_unit_px / noise.pixel) ** 2
+    pixel_used = np.sum(images.hessian * covariance) * (problem.pixel_unit_px / noise.image_sigma) ** 2
     corner_used = 0.0
     if problem.corner_rows:
         corner_used = np.sum(corners.hessian * covariance) / _corner(noise) ** 2
@@ -188,7 +188,8 @@ def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
     corner = max(corner, _FINEST_PIXEL) if known[0] is None else known[0]
     if solution.redundancy[0] == 0.0:  # nothing but corners was observed
         pixel = corner
-    return NoiseLevels(
+    return replace(
+        solution.noise,
         pixel=max(pixel, _FINEST_PIXEL) if known[0] is None else known[0],
         robot_rotation=rotation if known[1] is None else known[1],
         robot_translation=translation if known[2] is None else known[2],
@@ -281,7 +282,7 @@ def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
         return np.asarray(to_x @ hessian @ to_x.T) / sigma**2
 
     contributions = [
-        contribution(problem.reprojections.hessian, noise.pixel / problem.pixel_unit_px)
+        contribution(problem.reprojections.hessian, noise.image_sigma / problem.pixel_unit_px)
     ]
     for part, sigma in enumerate((noise.robot_rotation, noise.robot_translation)):
         weights = np.repeat(np.eye(2)[part], 3)

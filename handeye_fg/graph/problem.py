@@ -106,7 +106,7 @@ class Problem:
 
     def cost(self, state: State, noise: NoiseLevels) -> float:
         """Half the sum of squared whitened residuals."""
-        unit = noise.pixel / self.pixel_unit_px
+        unit = noise.image_sigma / self.pixel_unit_px
         images = squares(self.scene, state) / unit**2
         images += squares([self.corners], state) / (noise.corner or 1.0) ** 2
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)

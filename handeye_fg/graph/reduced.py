@@ -86,6 +86,11 @@ class Layout:
         return self.columns(x_key(camera))
 
     @property
+    def all_x_columns(self) -> NDArray[np.int64]:
+        """Indices of the tangents of all X."""
+        return np.arange(6 * self.n_poses, self._after_x)
+
+    @property
     def intrinsics_columns(self) -> NDArray[np.int64]:
         """Indices of the intrinsics of all cameras; none where they are fixed."""
         n = sum(map(len, self.intrinsics))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
+from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.determined import determined
 from handeye_fg.graph.measurements import Gauge
 from handeye_fg.graph.mismatches import Kept, without_mismatches
@@ -19,7 +20,7 @@ from handeye_fg.graph.rig import apart, first_camera_poses, is_plain
 from handeye_fg.graph.second_start import second_start
 from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
-from handeye_fg.graph.variables import State
+from handeye_fg.graph.variables import LOG_SCALE, State
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import Progress
@@ -92,9 +93,10 @@ def _first_noise(kept: Kept, residuals: Array, *, with_corners: bool) -> NoiseLe
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fit:
-    """An optimum with noise levels that agree with it."""
+    """An optimum with noise levels that agree with it; ``linearised`` one small last step before it."""
 
     state: State
+    linearised_at: State
     linearised: Linearised
     solution: Solution
     iterations: int
@@ -139,14 +141,23 @@ def _fitted(
             if not converged:
                 state, linearised = moved, problem.linearised(moved)
                 continue
-            state = moved
+        else:
+            moved = state
         return _Fit(
-            state=state,
+            state=moved,
+            linearised_at=state,
             linearised=linearised,
             solution=solution,
             iterations=done + iterations,
             converged=converged,
         )
+
+
+def _inflation(kept: Kept, fit: _Fit) -> float:
+    """How much less the images say of all X and the scale than with independent errors."""
+    layout = fit.linearised.layout
+    columns = np.append(layout.all_x_columns, layout.columns(LOG_SCALE))
+    return inflation(kept, fit.linearised_at, fit.linearised, fit.solution, columns)
 
 
 def _stepped(
@@ -310,6 +321,9 @@ def _optimum(
     problem = build(kept, used)
     state, levels, done = kept.state, solution.noise, fit.iterations
     del fit, solution  # large, and the next ones take as much again
+    fit = _fitted(problem, state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
+    levels = replace(fit.solution.noise, image_inflation=_inflation(kept, fit))
+    state, done = fit.state, fit.iterations
     for _ in range(_MOST_SETS):
         fit = _fitted(problem, state, levels, noise, _TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise)

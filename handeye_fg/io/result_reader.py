@@ -179,6 +179,7 @@ def _noise(fields: Fields | None) -> NoiseLevels | None:
         robot_rotation=math.radians(fields.number("robot_rotation_deg")),
         robot_translation=fields.number("robot_translation_mm") / 1e3,
         estimated=fields.flag("estimated"),
+        image_inflation=fields.number("image_inflation"),
     )
 
 

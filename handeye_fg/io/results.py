@@ -314,6 +314,7 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
         "robot_rotation_deg": math.degrees(noise.robot_rotation),
         "robot_translation_mm": 1e3 * float(noise.robot_translation),
         "estimated": bool(noise.estimated),
+        "image_inflation": float(noise.image_inflation),
     }
 
 

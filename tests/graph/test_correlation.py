@@ -1,0 +1,144 @@
+"""Errors of features that are alike in a neighbourhood: found, and counted in the covariance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handeye_fg import frames
+from handeye_fg.graph import refine, start_state
+from handeye_fg.graph.correlation import inflation
+from handeye_fg.graph.elimination import batches, eliminate, projected
+from handeye_fg.graph.mismatches import Kept
+from handeye_fg.graph.noise import solve
+from handeye_fg.graph.problem import make_problem
+from handeye_fg.graph.reduced import Layout
+from handeye_fg.graph.variables import LOG_SCALE
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.progress import silent
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.types import LinearStart
+
+# Robot poses that are exact, for all that matters: X is as certain as the images are.
+EXACT = NoiseOptions(robot_rotation_deg=1e-4, robot_translation_mm=1e-4)
+RUNS = 25
+
+
+def scene_at_truth(seed, n_points=400):
+    return simulate_scene(
+        np.random.default_rng(seed),
+        n_images=8,
+        n_points=n_points,
+        robot_rotation_sigma=np.deg2rad(1e-4),
+        robot_translation_sigma=1e-7,
+        start_sigma=0.0,
+    )
+
+
+def with_alike_errors(scene, seed, size=0.5, reach=0.2):
+    """Observations with errors that are, in each image, a smooth function of the place in the scene."""
+    rng, tracks = np.random.default_rng(seed), scene.model.tracks
+    spread = scene.points_world.std(axis=0).max()
+    waves = rng.standard_normal((30, 3)) / (reach * spread)
+    phases = scene.points_world @ waves.T + rng.uniform(0, 2 * np.pi, 30)
+    amplitudes = rng.standard_normal((len(scene.model.names), 2, 30)) * size * np.sqrt(2 / 30)
+    fields = np.einsum("nak,pk->npa", amplitudes, np.cos(phases))
+    errors = fields[tracks.image_index, tracks.point_index]
+    return replace(
+        scene, model=replace(scene.model, tracks=replace(tracks, pixels=tracks.pixels + errors))
+    )
+
+
+def start_of(scene):
+    return start_state(
+        scene.model,
+        [scene.camera],
+        LinearStart(
+            method="truth",
+            gripper_T_camera=scene.gripper_T_camera,
+            base_T_world=scene.base_T_world,
+            metres_per_world_unit=scene.metres_per_world_unit,
+            residual_rotation=0.0,
+            residual_translation=0.0,
+        ),
+    )
+
+
+def refined(scene):
+    return refine(
+        scene.model,
+        scene.robot_poses.base_T_gripper,
+        start_of(scene),
+        intrinsics=(),
+        noise=EXACT,
+        options=GraphOptions(),
+        progress=silent,
+    )
+
+
+def factor(scene):
+    """The factor of X and the scale, with the true noise levels."""
+    state, tracks = start_of(scene), scene.model.tracks
+    kept = Kept(
+        state=state,
+        tracks=tracks,
+        sigma_scale=np.ones(len(tracks.pixels)),
+        pixel=scene.noise.pixel,
+        corner=1.0,
+    )
+    problem = make_problem(kept, scene.robot_poses.base_T_gripper, "base", (), None, ())
+    linearised = problem.linearised(state)
+    solution = solve(linearised, scene.noise)
+    layout = problem.layout
+    columns = np.append(layout.x_columns(), layout.columns(LOG_SCALE))
+    return inflation(kept, state, linearised, solution, columns)
+
+
+def nees(scene, result):
+    error = frames.log(frames.inverse(result.state.gripper_T_camera) @ scene.gripper_T_camera)
+    return error @ np.linalg.solve(result.observability.covariance, error)
+
+
+def test_information_along_directions_is_that_of_the_elimination():
+    scene, rng = scene_at_truth(1, n_points=50), np.random.default_rng(2)
+    tracks, n_images = scene.model.tracks, len(scene.model.names)
+    layout = Layout(n_poses=n_images, intrinsics=((0, 1, 4),))
+    parts = batches(tracks, np.full(len(tracks.pixels), 0.3), n_images, 0)
+    directions = rng.standard_normal((layout.dim, 4))
+    product, gradient = projected(parts, start_of(scene), layout, directions)
+    quadratic = eliminate(parts, start_of(scene), layout).quadratic
+    scale = np.abs(quadratic.hessian @ directions).max()
+    np.testing.assert_allclose(product, quadratic.hessian @ directions, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        gradient, quadratic.gradient, atol=1e-9 * np.abs(quadratic.gradient).max()
+    )
+
+
+@pytest.mark.simulation
+def test_independent_errors_keep_their_covariance():
+    factors = np.array([factor(scene_at_truth(seed)) for seed in range(12)])
+    # The factor is 1 on average before it is cut off there, with a deviation of about 0.2.
+    assert factors.mean() < 1.15
+    assert 3 <= np.sum(factors == 1.0) <= 11
+
+
+def test_a_scene_of_few_points_says_nothing():
+    assert factor(with_alike_errors(scene_at_truth(3, n_points=100), 3)) == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.simulation
+def test_alike_errors_are_found_and_counted():
+    draws = []
+    for seed in range(RUNS):
+        scene = with_alike_errors(scene_at_truth(seed), seed + 1000)
+        result = refined(scene)
+        draws.append((nees(scene, result), result.noise.image_inflation))
+    honest, factors = np.array(draws).T
+    assert np.median(factors) > 1.7
+    # Taken as independent, the errors are several times larger than their covariance; most of it, though
+    # not all, is seen: the camera poses take up what is smooth over the whole image.
+    as_independent = np.mean(honest * factors)
+    assert as_independent > 2.0 * 6.0
+    assert np.mean(honest) < 0.6 * as_independent
+    assert np.mean(honest) < 2.0 * 6.0
