@@ -50,6 +50,7 @@ def deletions(linearised: Linearised, solution: Solution, trusted: NDArray[np.bo
     predicted = predicted_covariance(rows, solution.covariance) / np.outer(sigmas, sigmas)
     # In units of the sigmas: R of the poses that are used, and (R^-1)^-1 = I + J C J' of the others.
     left = np.eye(6) - np.where(trusted, 1.0, -1.0)[:, None, None] * predicted
+    left = (left + np.swapaxes(left, 1, 2)) / 2.0  # exact poses leave little but rounding
     x_columns = linearised.layout.x_columns()
     lengths, x_step = np.full((len(left), 2), np.nan), np.full((len(left), 6), np.nan)
     for i in np.flatnonzero(np.isfinite(left).all(axis=(1, 2))):

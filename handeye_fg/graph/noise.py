@@ -132,7 +132,9 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     predicted = predicted_covariance(robot, covariance)
     leverage = np.diagonal(predicted, axis1=1, axis2=2) * weights
     rotation_used, translation_used = leverage.sum(axis=0).reshape(2, 3).sum(axis=1)
-    pixel_used = np.sum(images.hessian * covariance) * (problem.pixel_unit_px / noise.image_sigma) ** 2
+    pixel_used = (
+        np.sum(images.hessian * covariance) * (problem.pixel_unit_px / noise.image_sigma) ** 2
+    )
     corner_used = 0.0
     if problem.corner_rows:
         corner_used = np.sum(corners.hessian * covariance) / _corner(noise) ** 2

@@ -154,6 +154,8 @@ def _noise(result: Result) -> dict[str, object] | None:
     ]
     return {
         "estimated": noise.estimated,
+        "inflation": wording.significant(noise.image_inflation),
+        "alike": noise.image_inflation > 1.0,
         "rows": [
             (what, wording.significant(sigma), unit)
             for what, sigma, unit in rows

@@ -20,7 +20,7 @@ from handeye_fg.simulate import simulate_scene
 from handeye_fg.types import LinearStart
 
 # Robot poses that are exact, for all that matters: X is as certain as the images are.
-EXACT = NoiseOptions(robot_rotation_deg=1e-4, robot_translation_mm=1e-4)
+EXACT = NoiseOptions(robot_rotation_deg=1e-3, robot_translation_mm=1e-3)
 RUNS = 25
 
 
@@ -29,8 +29,8 @@ def scene_at_truth(seed, n_points=400):
         np.random.default_rng(seed),
         n_images=8,
         n_points=n_points,
-        robot_rotation_sigma=np.deg2rad(1e-4),
-        robot_translation_sigma=1e-7,
+        robot_rotation_sigma=np.deg2rad(1e-3),
+        robot_translation_sigma=1e-6,
         start_sigma=0.0,
     )
 

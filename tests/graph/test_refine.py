@@ -200,7 +200,7 @@ def test_a_start_that_is_not_finite():
 
 
 def test_the_limit_of_iterations_is_reported():
-    scene = simulate_scene(np.random.default_rng(9), n_images=6, n_points=40, start_sigma=0.02)
+    scene = simulate_scene(np.random.default_rng(9), n_images=6, n_points=40, start_sigma=0.06)
     assert not fit(scene, iterations=1).converged
 
 
