@@ -7,6 +7,22 @@ are metres and radians.
 """
 
 from factors._adapter import Key, pose_key, scalar_key
+from factors.camera_distance import (
+    camera_distance_factor,
+    camera_distance_residual,
+    camera_spread_factor,
+    camera_spread_residual,
+)
 from factors.robot_pose import robot_pose_factor, robot_pose_residual
 
-__all__ = ["Key", "pose_key", "robot_pose_factor", "robot_pose_residual", "scalar_key"]
+__all__ = [
+    "Key",
+    "camera_distance_factor",
+    "camera_distance_residual",
+    "camera_spread_factor",
+    "camera_spread_residual",
+    "pose_key",
+    "robot_pose_factor",
+    "robot_pose_residual",
+    "scalar_key",
+]

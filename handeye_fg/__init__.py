@@ -22,26 +22,32 @@ if TYPE_CHECKING:
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
     from handeye_fg.options import (
+        DistancePrior,
         GraphOptions,
         NoiseOptions,
         Options,
+        PosePrior,
         Prior,
         RobotNoise,
+        ScalePrior,
         SfmOptions,
     )
     from handeye_fg.pipeline import calibrate
 
 __all__ = [
     "ConvergenceError",
+    "DistancePrior",
     "GraphOptions",
     "HandEyeError",
     "InputDataError",
     "NoiseOptions",
     "Options",
+    "PosePrior",
     "Prior",
     "ReconstructionError",
     "Result",
     "RobotNoise",
+    "ScalePrior",
     "SfmOptions",
     "UnobservableError",
     "calibrate",
@@ -57,7 +63,18 @@ _HOME = {
     "refine": "from_model",
     "solve": "from_poses",
     **dict.fromkeys(
-        ("GraphOptions", "NoiseOptions", "Options", "Prior", "RobotNoise", "SfmOptions"), "options"
+        (
+            "DistancePrior",
+            "GraphOptions",
+            "NoiseOptions",
+            "Options",
+            "PosePrior",
+            "Prior",
+            "RobotNoise",
+            "ScalePrior",
+            "SfmOptions",
+        ),
+        "options",
     ),
 }
 

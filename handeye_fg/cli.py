@@ -140,7 +140,7 @@ class Solve:
     next pose has, so that errors accumulate (odometry); auto: the data tell."""
     noise: RobotNoise = field(default_factory=RobotNoise)
     priors: Priors = ()
-    """What is known of the camera's pose beforehand."""
+    """What is known beforehand, as for calibrate; scale is the unit of CAMERA.csv."""
     seed: int = 0
     """Seed of everything random."""
     output: Path = Path("handeye-fg-out")

@@ -12,11 +12,19 @@ from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError, InputDataError, UnobservableError
 from handeye_fg.frames import Array
-from handeye_fg.io.pose_pairs import PoseList, read_pairs
+from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import Result, parent_frame
+from handeye_fg.known import OfXAndScale, in_world_units
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import analyse
-from handeye_fg.options import CameraNoise, MethodName, Prior, RobotNoise
+from handeye_fg.options import (
+    AnyPrior,
+    CameraNoise,
+    DistancePrior,
+    MethodName,
+    RobotNoise,
+    ScalePrior,
+)
 from handeye_fg.pose_outcome import Answer, digest, message, row_reports
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
@@ -50,7 +58,7 @@ class _Refinement:
     inverted: bool
     camera_noise: Literal["independent", "odometry"] | None
     noise: RobotNoise | None
-    priors: Sequence[Prior]
+    priors: Sequence[OfXAndScale]
 
 
 def solve(
@@ -65,7 +73,7 @@ def solve(
     metric: bool = False,
     camera_noise: CameraNoise = "auto",
     noise: RobotNoise | None = None,
-    priors: Sequence[Prior] = (),
+    priors: Sequence[AnyPrior] = (),
     names: Sequence[str] | None = None,
     seed: int = 0,
 ) -> Result:
@@ -94,7 +102,8 @@ def solve(
         camera_noise: for ``pose_graph``: whether each camera pose has an error of its own
             ("independent") or each motion to the next pose has ("odometry"); "auto": the data tell.
         noise: for ``pose_graph``: the robot's noise levels, where they are known.
-        priors: what else is known of X; with priors X is found by least squares.
+        priors: what else is known of X and, where the unit of the camera's translations is not, of the
+            scale; with priors X is found by least squares.
         names: of the rows (n,) of arrays; None: "row 0", "row 1", ...
         seed: of the samples that tell wrong rows from right ones.
 
@@ -126,18 +135,19 @@ def solve(
         motions=motions,
     )
     clock.lap("input")
+    known = _known(priors, pairs, scale_known=scale_known)
     # 2. Leave out the rows that disagree with the majority.
     trusted = _trusted(pairs.data, seed, scale_known=scale_known, robust=robust)
     clock.lap("wrong rows")
     # 3. Solve the rest, or what it determines.
-    answer = _closed_form(pairs.data, trusted, closed_form, priors, parent_frame(setup))
+    answer = _closed_form(pairs.data, trusted, closed_form, known, parent_frame(setup))
     if method == "pose_graph":
         how = _Refinement(
             scale_known=scale_known,
             inverted=setup == "eye-to-hand",
             camera_noise=None if camera_noise == "auto" else camera_noise,
             noise=noise,
-            priors=priors,
+            priors=known,
         )
         answer = _refined(pairs.data, answer, how, parent_frame(setup))
     clock.lap("solution")
@@ -173,6 +183,31 @@ def solve(
     )
 
 
+def _known(
+    priors: Sequence[AnyPrior], pairs: NamedPairs, *, scale_known: bool
+) -> tuple[OfXAndScale, ...]:
+    """The priors in terms of X and the scale.
+
+    Raises:
+        InputDataError: one is of a length where the method takes the camera's translations as metres,
+            or of a distance between motions.
+    """
+    lengths = [prior.kind for prior in priors if isinstance(prior, ScalePrior | DistancePrior)]
+    if lengths and scale_known:
+        raise InputDataError(
+            f"a prior of kind {lengths[0]} says what the camera's translations are in metres, but the "
+            "method takes them as metres; leave it out, or use andreff_scale or pose_graph"
+        )
+    if isinstance(pairs.data, PosePairs):
+        return in_world_units(priors, pairs.names, np.asarray(pairs.data.world_T_camera))
+    if "distance" in lengths:
+        raise InputDataError(
+            "a prior of kind distance is between two camera poses, but the rows are motions; give the "
+            "scale instead"
+        )
+    return in_world_units(priors, (), np.empty((0, 4, 4)))
+
+
 def _trusted(data: PosePairs | MotionPairs, seed: int, *, scale_known: bool, robust: bool) -> Rows:
     """The rows (n,) that are used: those with a weight, less those that disagree with the others."""
     trusted = np.asarray(data.weights) > 0.0
@@ -185,13 +220,13 @@ def _closed_form(
     data: PosePairs | MotionPairs,
     trusted: Rows,
     method: str,
-    priors: Sequence[Prior],
+    priors: Sequence[OfXAndScale],
     frame: str,
 ) -> Answer:
     """The method's answer; with priors, or where the motions leave something free, that of ``partial``."""
     rows, scale_known = only(data, trusted), METHODS[method].scale_known
 
-    def answer_of(solution: Solution, name: str, priors: Sequence[Prior]) -> Answer:
+    def answer_of(solution: Solution, name: str, priors: Sequence[OfXAndScale]) -> Answer:
         start = start_of(rows, solution, name)
         if scale_known:
             _require_metres(rows, start)

@@ -6,6 +6,7 @@ from pathlib import Path
 from handeye_fg.graph import refine_views
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, TargetSource, read_inputs
 from handeye_fg.io.results import Result, parent_frame
+from handeye_fg.known import in_world_units, require_known_unit
 from handeye_fg.options import Options
 from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
@@ -42,6 +43,7 @@ def calibrate(
         HandEyeError: see its subclasses; the message says what to do.
     """
     options, clock = options or Options(), Stopwatch()
+    require_known_unit(options.priors)
     # 1. Read everything, and pair images and poses by name.
     inputs = read_inputs(Path(images), poses, camera, masks, options, progress, target)
     clock.lap("input")
@@ -62,7 +64,8 @@ def solve_scene(
     require_setup_of_poses(
         inputs.turns(model.names, options.setup), model.world_T_camera[:, :3, :3]
     )
-    linear = rig_start(reported, model.world_T_camera, rig, priors=options.priors)
+    priors = in_world_units(options.priors, model.names, model.world_T_camera)
+    linear = rig_start(reported, model.world_T_camera, rig, priors=priors)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)

@@ -13,6 +13,7 @@ from scipy import special
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.graph.freed import Freed, focal_offset, freed, other, refined
+from handeye_fg.graph.known import Known, of_model
 from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
@@ -125,6 +126,11 @@ class _Call:
     known: KnownPoints | None
 
     @property
+    def priors(self) -> tuple[Known, ...]:
+        """What the user knows beforehand, in terms of the unknowns."""
+        return of_model(self.options.priors, self.model, self.rig)
+
+    @property
     def inverted(self) -> bool:
         """Whether the robot poses are gripper_T_base."""
         return self.options.setup == "eye-to-hand"
@@ -145,33 +151,33 @@ class _Call:
             free: whether the prior is wide.
             from_file: whether the intrinsics were given by the user.
         """
-        cameras, priors = list(given), [_fixed(camera) for camera in given]
+        cameras, beliefs = list(given), [_fixed(camera) for camera in given]
         for k in notes:
             cameras[k], _ = nearest(self.model.cameras[k], given[k])
-            priors[k] = _prior(given[k], free=free)
+            beliefs[k] = _prior(given[k], free=free)
         final = refine(
             self.model,
             self.base_T_gripper,
             start_state(self.model, cameras, self.linear, self.rig),
-            intrinsics=priors if notes else (),
+            intrinsics=beliefs if notes else (),
             noise=self.options.noise,
             options=self.options.graph,
             progress=self.progress,
             frame=self.frame,
             known=self.known,
-            known_x=self.options.priors,
+            priors=self.priors,
             inverted=self.inverted,
             trusted=self.linear.trusted,
         )
-        intrinsics = self._kept(final, given, priors)
+        intrinsics = self._kept(final, given, beliefs)
         for k, note in notes.items():
-            joint, camera = refined(final, priors[k], k), final.state.cameras[k]
+            joint, camera = refined(final, beliefs[k], k), final.state.cameras[k]
             intrinsics[k] = Intrinsics(
                 camera=camera,
                 refined=True,
                 std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
                 note=note,
-                focal_offset=focal_offset(joint, camera, priors[k].unknown),
+                focal_offset=focal_offset(joint, camera, beliefs[k].unknown),
                 other=other(final, joint, k, kept=False) if from_file else None,
             )
         return View(refinement=final, intrinsics=tuple(intrinsics[k] for k in range(len(given))))
@@ -180,13 +186,13 @@ class _Call:
         self,
         final: Refinement,
         given: Sequence[CameraModel],
-        priors: Sequence[IntrinsicsPrior],
+        beliefs: Sequence[IntrinsicsPrior],
     ) -> dict[int, Intrinsics]:
         """The cameras whose intrinsics were kept, and what the images say of these."""
-        kept = [k for k, prior in enumerate(priors) if not prior.unknown]
+        kept = [k for k, belief in enumerate(beliefs) if not belief.unknown]
         if not kept:
             return {}
-        cameras, wide = list(final.state.cameras), list(priors)
+        cameras, wide = list(final.state.cameras), list(beliefs)
         for k in kept:
             cameras[k] = generalised(given[k])
             wide[k] = _prior(cameras[k], free=True)
@@ -197,7 +203,7 @@ class _Call:
             wide,
             self.options.noise,
             self.known,
-            self.options.priors,
+            self.priors,
             inverted=self.inverted,
         )
         result = {}

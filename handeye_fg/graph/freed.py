@@ -14,6 +14,7 @@ import numpy as np
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import determined
+from handeye_fg.graph.known import Known
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.noise import estimate_noise
 from handeye_fg.graph.problem import IntrinsicsPrior, make_problem
@@ -21,7 +22,7 @@ from handeye_fg.graph.summary import Refinement
 from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import State, intrinsics_key
 from handeye_fg.lens import embedding
-from handeye_fg.options import NoiseOptions, Prior
+from handeye_fg.options import NoiseOptions
 from handeye_fg.types import CameraModel, FocalOffset, KnownPoints, OtherIntrinsics
 
 _DEPTH = 5  # of X's tangent: the camera's position along its optical axis
@@ -98,7 +99,7 @@ def freed(
     priors: Sequence[IntrinsicsPrior],
     noise: NoiseOptions,
     known: KnownPoints | None = None,
-    known_x: Sequence[Prior] = (),
+    others: Sequence[Known] = (),
     *,
     inverted: bool = False,
 ) -> tuple[Freed, ...]:
@@ -111,7 +112,7 @@ def freed(
         priors: of each camera's intrinsics, wide.
         noise: the levels that the user knows.
         known: known points, as in the refinement.
-        known_x: what is known of X beforehand, likewise.
+        others: what else is known beforehand, likewise.
         inverted: the robot poses are gripper_T_base.
     """
     observed = Kept(
@@ -127,7 +128,7 @@ def freed(
         "base",
         priors,
         known,
-        known_x,
+        others,
         ~kept.outliers,
         inverted=inverted,
     )

@@ -7,8 +7,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors import robot_pose_factor
+from factors import camera_distance_factor, camera_spread_factor, robot_pose_factor
 from handeye_fg.frames import Array
+from handeye_fg.graph.known import Known, KnownDistance, KnownSpread
 from handeye_fg.graph.variables import (
     BASE_T_WORLD,
     GRIPPER_T_CAMERA,
@@ -19,8 +20,9 @@ from handeye_fg.graph.variables import (
     point_key,
     x_key,
 )
+from handeye_fg.known import pose_of
 from handeye_fg.observability import LIMITS
-from handeye_fg.options import Prior
+from handeye_fg.options import PosePrior, Prior
 from handeye_fg.types import KnownPoints
 
 Gauge = Literal["base", "first camera"]
@@ -151,18 +153,46 @@ def held_graph(gripper_T_camera: Array, free: Array) -> gtsam.NonlinearFactorGra
     return graph
 
 
-def known_x_graph(priors: Sequence[Prior], unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
-    """What is known of the first camera's X beforehand; ``unit`` is a factor of all standard deviations.
-
-    GTSAM's prior of a translation has three rows; the two across the axis get no weight.
-    """
+def known_graph(priors: Sequence[Known], unit: float = 1.0) -> gtsam.NonlinearFactorGraph:
+    """What is known beforehand; ``unit`` is a factor of all standard deviations."""
     graph = gtsam.NonlinearFactorGraph()
     for prior in priors:
-        axis = np.asarray(prior.axis)
-        root = np.zeros((3, 3))
-        root[0] = axis / (unit * prior.std)
-        model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
-        graph.push_back(gtsam.PoseTranslationPrior3D(GRIPPER_T_CAMERA, prior.value * axis, model))
+        match prior:
+            case Prior():
+                graph.push_back(_translation_along(prior, unit))
+            case PosePrior():
+                graph.push_back(_known_pose(prior, unit))
+            case KnownDistance():
+                noise = gtsam.noiseModel.Isotropic.Sigma(1, unit * prior.std)
+                ends = camera_key(prior.one), camera_key(prior.other)
+                graph.push_back(camera_distance_factor(*ends, LOG_SCALE, prior.metres, noise))
+            case KnownSpread():
+                noise = gtsam.noiseModel.Isotropic.Sigma(1, unit * prior.std / prior.metres)
+                keys = [camera_key(i) for i in range(prior.n_poses)]
+                graph.push_back(camera_spread_factor(keys, LOG_SCALE, prior.metres, noise))
+    return graph
+
+
+def _translation_along(prior: Prior, unit: float) -> gtsam.NonlinearFactor:
+    """GTSAM's prior of a translation has three rows; the two across the axis get no weight."""
+    axis = np.asarray(prior.axis)
+    root = np.zeros((3, 3))
+    root[0] = axis / (unit * prior.std)
+    model = gtsam.noiseModel.Gaussian.SqrtInformation(root)
+    return gtsam.PoseTranslationPrior3D(GRIPPER_T_CAMERA, prior.value * axis, model)
+
+
+def _known_pose(prior: PosePrior, unit: float) -> gtsam.NonlinearFactorGraph:
+    """Rotation and position apart: one of them may be unknown."""
+    graph, known = gtsam.NonlinearFactorGraph(), gtsam.Pose3(pose_of(prior))
+    if prior.std_rotation_deg is not None:
+        sigma = unit * float(np.deg2rad(prior.std_rotation_deg))
+        model = gtsam.noiseModel.Isotropic.Sigma(3, sigma)
+        graph.push_back(gtsam.PoseRotationPrior3D(GRIPPER_T_CAMERA, known.rotation(), model))
+    if prior.std_translation_mm is not None:
+        model = gtsam.noiseModel.Isotropic.Sigma(3, unit * 1e-3 * prior.std_translation_mm)
+        position = known.translation()
+        graph.push_back(gtsam.PoseTranslationPrior3D(GRIPPER_T_CAMERA, position, model))
     return graph
 
 

@@ -17,11 +17,11 @@ from handeye_fg.graph.elimination import (
     eliminate,
     squares,
 )
+from handeye_fg.graph.known import Known
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.reduced import Layout, Linearised, Quadratic, robot_rows, summed
 from handeye_fg.graph.rig import carried, is_plain, to_images
 from handeye_fg.graph.variables import State, moved, to_values
-from handeye_fg.options import Prior
 from handeye_fg.types import KnownPoints, NoiseLevels
 
 
@@ -58,7 +58,7 @@ class Problem:
     trusted: NDArray[np.bool_]
     intrinsics: Sequence[IntrinsicsPrior]
     known: KnownPoints | None
-    known_x: Sequence[Prior]
+    priors: Sequence[Known]
     pixel_unit_px: float
     layout: Layout
     inverted: bool
@@ -140,7 +140,7 @@ class Problem:
         return to_values(state, intrinsics=layout.intrinsics, n_points=layout.n_known)
 
     def _priors(self) -> gtsam.NonlinearFactorGraph:
-        graphs = [self.gauge, m.known_x_graph(self.known_x)]
+        graphs = [self.gauge, m.known_graph(self.priors)]
         for k, prior in enumerate(self.intrinsics):
             if unknown := list(prior.unknown):
                 graphs.append(m.intrinsics_graph(k, prior.params[unknown], prior.sigmas[unknown]))
@@ -155,7 +155,7 @@ def make_problem(
     gauge: m.Gauge,
     intrinsics: Sequence[IntrinsicsPrior],
     known: KnownPoints | None,
-    known_x: Sequence[Prior],
+    priors: Sequence[Known],
     trusted: NDArray[np.bool_] | None = None,
     *,
     inverted: bool = False,
@@ -168,7 +168,7 @@ def make_problem(
         gauge: what holds the world where there are no known points.
         intrinsics: prior of each camera's intrinsics; empty to keep all fixed.
         known: known points; None where there are none.
-        known_x: what is known of X beforehand.
+        priors: what else is known beforehand.
         trusted: (n,) which of the robot poses are used; None: all.
         inverted: the robot poses are gripper_T_base.
     """
@@ -184,7 +184,7 @@ def make_problem(
         trusted=np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted,
         intrinsics=intrinsics,
         known=known,
-        known_x=known_x,
+        priors=priors,
         pixel_unit_px=kept.pixel,
         layout=Layout(
             n_poses=len(state.world_T_camera),

@@ -10,6 +10,7 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.determined import determined
+from handeye_fg.graph.known import Known
 from handeye_fg.graph.measurements import Gauge
 from handeye_fg.graph.mismatches import Kept, without_mismatches
 from handeye_fg.graph.noise import Solution, cost, estimate_noise
@@ -22,7 +23,7 @@ from handeye_fg.graph.summary import Refinement, robot_residuals, summarise
 from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import LOG_SCALE, State
 from handeye_fg.observability import free_basis
-from handeye_fg.options import GraphOptions, NoiseOptions, Prior
+from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import Progress
 from handeye_fg.types import CameraModel, KnownPoints, LinearStart, NoiseLevels, Rig, SfmModel
 
@@ -219,7 +220,7 @@ def refine(
     progress: Progress,
     gauge: Gauge = "base",
     known: KnownPoints | None = None,
-    known_x: Sequence[Prior] = (),
+    priors: Sequence[Known] = (),
     frame: str = "gripper",
     inverted: bool = False,
     trusted: NDArray[np.bool_] | None = None,
@@ -237,7 +238,7 @@ def refine(
         progress: told the number of iterations.
         gauge: what holds the world; no reported figure depends on it.
         known: positions of the first points, which hold the world instead; None: there are none.
-        known_x: what is known of X beforehand.
+        priors: what else is known beforehand.
         frame: parent frame of X, for messages.
         inverted: the robot poses are gripper_T_base; noise and residuals are those of base_T_gripper.
         trusted: (n,) which robot poses are believed at first; None: all. In the end every pose is
@@ -254,7 +255,7 @@ def refine(
 
     def build(kept: Kept, used: NDArray[np.bool_]) -> Problem:
         return make_problem(
-            kept, base_T_gripper, gauge, intrinsics, known, known_x, used, inverted=inverted
+            kept, base_T_gripper, gauge, intrinsics, known, priors, used, inverted=inverted
         )
 
     iterations, restarts = 0, 0

@@ -15,10 +15,12 @@ from scipy.optimize import least_squares
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import spread
+from handeye_fg.graph.known import with_cameras
 from handeye_fg.graph.problem import Problem
 from handeye_fg.graph.rig import first_T_cameras
 from handeye_fg.graph.summary import aligned, pose_residuals
 from handeye_fg.graph.variables import State
+from handeye_fg.known import whitened
 from handeye_fg.observability import LIMITS, Observability
 from handeye_fg.types import NoiseLevels, SecondStart
 
@@ -58,12 +60,12 @@ class _RobotPart:
         reported = problem.base_T_gripper[problem.trusted]
         rows = pose_residuals(base_T_gripper, reported, inverted=problem.inverted) / self.sigmas
         priors = [
-            (X[:, :3, 3] @ np.asarray(prior.axis) - prior.value) / prior.std
-            for prior in problem.known_x
+            whitened(with_cameras(prior, centre.world_T_camera), X, log_scale)
+            for prior in problem.priors
         ]
         if problem.known is not None:
-            priors.append(log_scale / problem.known.log_scale_sigma)
-        return np.concatenate([rows.reshape(len(unknowns), -1), *(p[:, None] for p in priors)], 1)
+            priors.append((log_scale / problem.known.log_scale_sigma)[:, None])
+        return np.concatenate([rows.reshape(len(unknowns), -1), *priors], axis=1)
 
     def squares(self, unknowns: Array) -> Array:
         """Sums (2,) of the squared residuals of the poses, rotation and translation."""

@@ -114,8 +114,9 @@ def _value(hint: Any, value: Any, where: str, key: str) -> Any:
             raise _refused(value, where, key, "a table")
         return _block(hint, value, where, f"{key}.")
     if origin in (Union, types.UnionType):  # optional: TOML has no null, so leave out means None
-        (inner,) = (part for part in get_args(hint) if part is not types.NoneType)
-        return _value(inner, value, where, key)
+        parts = [part for part in get_args(hint) if part is not types.NoneType]
+        chosen = parts[0] if len(parts) == 1 else _of_kind(parts, value, where, key)
+        return _value(chosen, value, where, key)
     if origin is Literal:
         allowed = get_args(hint)
         if not any(value == choice and type(value) is type(choice) for choice in allowed):
@@ -128,6 +129,14 @@ def _value(hint: Any, value: Any, where: str, key: str) -> Any:
             _value(get_args(hint)[0], item, where, f"{key}[{i}]") for i, item in enumerate(value)
         )
     return _scalar(hint, value, where, key)
+
+
+def _of_kind(parts: list[Any], value: Any, where: str, key: str) -> Any:
+    """The one of several dataclasses that the table's ``kind`` names."""
+    kinds = {get_args(get_type_hints(part)["kind"])[0]: part for part in parts}
+    if not isinstance(value, dict) or value.get("kind") not in kinds:
+        raise _refused(value, where, key, f"a table with a kind: one of {', '.join(kinds)}")
+    return kinds[value["kind"]]
 
 
 def _scalar(kind: Any, value: Any, where: str, key: str) -> Any:

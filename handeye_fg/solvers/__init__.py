@@ -13,8 +13,8 @@ import numpy as np
 
 from handeye_fg.errors import UnobservableError
 from handeye_fg.frames import Array
+from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
-from handeye_fg.options import Prior
 from handeye_fg.solvers.andreff import andreff
 from handeye_fg.solvers.andreff_scale import andreff_scale
 from handeye_fg.solvers.daniilidis import daniilidis
@@ -91,7 +91,7 @@ def linear_start(
     world_T_camera: Array,
     *,
     seed: int = 0,
-    priors: Sequence[Prior] = (),
+    priors: Sequence[OfXAndScale] = (),
 ) -> LinearStart:
     """X, Z and the scale in closed form over wide-baseline pairs of the poses that agree.
 
@@ -101,7 +101,7 @@ def linear_start(
         base_T_gripper: robot poses (n, 4, 4), metres.
         world_T_camera: camera poses (n, 4, 4) of the same instants, up to a similarity.
         seed: of the samples that tell wrong rows from right ones.
-        priors: what is known of X where the motions do not determine it.
+        priors: what is known of X and the scale where the motions do not determine it.
 
     Raises:
         InputDataError: fewer than two poses, matrices that are not poses, or a negative scale

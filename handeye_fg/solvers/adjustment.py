@@ -19,6 +19,7 @@ import numpy as np
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
+from handeye_fg.known import OfXAndScale, rows
 from handeye_fg.observability import (
     LIMITS,
     WIDE,
@@ -26,7 +27,6 @@ from handeye_fg.observability import (
     free_basis,
     without_feigned,
 )
-from handeye_fg.options import Prior
 from handeye_fg.solvers.groups import PoseGroups
 
 # A tenth of an observation of each sigma: a single motion has nothing to estimate them from, and
@@ -94,7 +94,7 @@ def settle(
     metres_per_world_unit: float,
     *,
     scale_known: bool,
-    priors: Sequence[Prior],
+    priors: Sequence[OfXAndScale],
     move: bool,
 ) -> State:
     """Find the noise and the covariance and, with ``move``, the optimum of X and the scale.
@@ -106,7 +106,7 @@ def settle(
         gripper_T_camera: X (4, 4) to start from, metres.
         metres_per_world_unit: the scale to start from.
         scale_known: whether the scale is a constant.
-        priors: what else is known of X.
+        priors: what else is known of X and the scale.
         move: whether X and the scale may move.
     """
     state = State(
@@ -184,13 +184,14 @@ def _reduced(poses: PoseGroups, rows: _Rows, sigmas: Array) -> _Reduced:
 
 
 def _covariance(
-    poses: PoseGroups, reduced: _Reduced, state: State, priors: Sequence[Prior], dims: int
+    poses: PoseGroups, reduced: _Reduced, state: State, priors: Sequence[OfXAndScale], dims: int
 ) -> Array:
     """Covariance (7, 7) from the information, less what noise feigns, and the priors."""
     information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
     information += np.diag(WIDE**-2.0)
-    for row, sigma, _ in _prior_rows(state, priors):
-        information += np.outer(row, row) / sigma**2
+    for prior in priors:
+        _, by_x = rows(prior, state.gripper_T_camera, state.log_scale)
+        information += by_x.T @ by_x
     values, vectors = np.linalg.eigh((information * np.outer(LIMITS, LIMITS))[:dims, :dims])
     independent = len(poses.group) - poses.count
     feigned = feigned_information(state.gripper_T_camera, independent, state.sigmas, state.sigmas)
@@ -216,31 +217,21 @@ def _by_kind(values: Array) -> Array:
 
 
 def _determined(
-    reduced: _Reduced, covariance: Array, state: State, priors: Sequence[Prior], dims: int
+    reduced: _Reduced, covariance: Array, state: State, priors: Sequence[OfXAndScale], dims: int
 ) -> tuple[Array, Array]:
     """Covariance (7, 7) within the determined directions, and the Gauss-Newton step (7,) there."""
     information = np.einsum("nri,nr,nrj->ij", reduced.by_x, reduced.weights, reduced.by_x)
     gradient = -np.einsum("nri,nr,nr->i", reduced.by_x, reduced.weights, reduced.residual)
-    for row, sigma, misfit in _prior_rows(state, priors):
-        information += np.outer(row, row) / sigma**2
-        gradient += row * misfit / sigma**2
+    for prior in priors:
+        residual, by_x = rows(prior, state.gripper_T_camera, state.log_scale)
+        information += by_x.T @ by_x
+        gradient -= by_x.T @ residual
     free = free_basis(covariance[:dims, :dims])
     kept = np.zeros((7, dims - free.shape[1]))
     kept[:dims] = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :]
     kept *= LIMITS[:, None]
     within = kept @ np.linalg.inv(kept.T @ information @ kept) @ kept.T
     return within, within @ gradient
-
-
-def _prior_rows(state: State, priors: Sequence[Prior]) -> list[tuple[Array, float, float]]:
-    """For each prior its derivative (7,) by (X, ln scale), its sigma, and wanted less found."""
-    rows = []
-    for prior in priors:
-        axis = np.asarray(prior.axis)
-        row = np.zeros(7)
-        row[3:6] = axis @ state.gripper_T_camera[:3, :3]
-        rows.append((row, prior.std, prior.value - float(axis @ state.gripper_T_camera[:3, 3])))
-    return rows
 
 
 def _moved(state: State, step: Array, reduced: _Reduced, sigmas: Array, covariance: Array) -> State:

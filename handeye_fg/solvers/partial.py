@@ -19,6 +19,7 @@ import numpy as np
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, orthonormalised, pose
+from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import (
     AxisSpread,
     MotionPairs,
@@ -27,7 +28,6 @@ from handeye_fg.motions import (
     axis_spread,
     with_weight,
 )
-from handeye_fg.options import Prior
 from handeye_fg.solvers.adjustment import settle
 from handeye_fg.solvers.andreff_scale import (
     NEGATIVE_SCALE,
@@ -55,14 +55,14 @@ DECISIVE = 10.0
 
 
 def partial(
-    data: PosePairs | MotionPairs, *, scale_known: bool, priors: Sequence[Prior] = ()
+    data: PosePairs | MotionPairs, *, scale_known: bool, priors: Sequence[OfXAndScale] = ()
 ) -> Solution:
     """X and the scale, exact in what the motions determine, whatever they are.
 
     Args:
         data: two poses or one motion at least; camera translations in world units.
         scale_known: whether the world unit is the metre; the scale is then 1.
-        priors: what else is known of X.
+        priors: what else is known of X and the scale.
 
     Raises:
         UnobservableError: the robot or the camera did not move.
@@ -86,7 +86,7 @@ def first_order_covariance(
     solution: Solution,
     *,
     scale_known: bool,
-    priors: Sequence[Prior] = (),
+    priors: Sequence[OfXAndScale] = (),
 ) -> Array:
     """Covariance (7, 7) of (rotation, translation, ln scale) from the residuals; always finite.
 
@@ -98,7 +98,7 @@ def first_order_covariance(
         data: as for ``partial``.
         solution: where to linearise, an answer of any solver.
         scale_known: whether the scale is a constant.
-        priors: what else is known of X.
+        priors: what else is known of X and the scale.
     """
     return settle(
         grouped(data),

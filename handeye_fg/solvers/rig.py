@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.options import Prior
+from handeye_fg.known import OfXAndScale
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import LinearStart, Rig
 
@@ -25,7 +25,7 @@ def rig_start(
     rig: Rig,
     *,
     seed: int = 0,
-    priors: Sequence[Prior] = (),
+    priors: Sequence[OfXAndScale] = (),
 ) -> LinearStart:
     """X of every camera, Z and the scale in closed form.
 

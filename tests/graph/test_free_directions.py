@@ -32,7 +32,7 @@ def fit(scene, priors=()):
         noise=NoiseOptions(),
         options=GraphOptions(),
         progress=silent,
-        known_x=priors,
+        priors=priors,
     )
 
 
@@ -93,7 +93,7 @@ def test_a_prior_completes_a_scara():
 def test_derivatives(which):
     X = frames.exp(np.array([0.3, -0.2, 0.5, 0.1, 0.2, 0.3]))
     if which == "prior":
-        graph = m.known_x_graph([Prior("translation-along", (0.0, 0.6, 0.8), 0.08, 0.001)])
+        graph = m.known_graph([Prior("translation-along", (0.0, 0.6, 0.8), 0.08, 0.001)])
     else:
         basis = np.linalg.qr(np.random.default_rng(0).standard_normal((6, 2)))[0]
         graph = m.held_graph(X, basis)
@@ -111,7 +111,7 @@ def test_a_prior_is_the_whitened_difference_along_its_axis():
     values = gtsam.Values()
     values.insert(GRIPPER_T_CAMERA, gtsam.Pose3(gtsam.Rot3(), np.array([0.1, 0.2, 0.3])))
     for unit in (1.0, 2.0):
-        error = m.known_x_graph([prior], unit).at(0).whitenedError(values)
+        error = m.known_graph([prior], unit).at(0).whitenedError(values)
         expected = (0.6 * 0.2 + 0.8 * 0.3 - 0.08) / (unit * 0.001)
         np.testing.assert_allclose(error, [expected, 0.0, 0.0])
 

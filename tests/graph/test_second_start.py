@@ -19,7 +19,7 @@ def simulated(seed, **options):
     return simulate_scene(np.random.default_rng(seed), n_points=80, start_sigma=1e-4, **options)
 
 
-def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, known_x=()):
+def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, priors=()):
     reported = scene.robot_poses.base_T_gripper
     linear = linear_start(reported, scene.model.world_T_camera)
     start = start_state(scene.model, [scene.camera], linear)
@@ -32,7 +32,7 @@ def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, known
         noise=noise or NoiseOptions(),
         options=GraphOptions(),
         progress=silent,
-        known_x=known_x,
+        priors=priors,
     )
 
 
@@ -54,7 +54,7 @@ def test_what_is_known_of_x_is_part_of_the_optimum():
     axis = np.array([0.0, 0.6, 0.8])
     value = float(axis @ scene.gripper_T_camera[:3, 3]) + 2e-3
     prior = Prior(kind="translation-along", axis=tuple(axis), value=value, std=1e-4)
-    result = fit(scene, known_x=[prior])
+    result = fit(scene, priors=[prior])
     assert result.second_start.agrees
     assert axis @ result.state.gripper_T_camera[:3, 3] == pytest.approx(value, abs=5e-4)
 

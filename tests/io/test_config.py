@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import config
 from handeye_fg.io.config import options_digest, read_config, write_config
-from handeye_fg.options import Options, Prior
+from handeye_fg.options import DistancePrior, Options, PosePrior, Prior
 
 POSITIVE = st.floats(1e-6, 1e6)
 AXIS = st.tuples(POSITIVE, POSITIVE, POSITIVE)
@@ -49,6 +49,13 @@ def valid(hint: Any) -> st.SearchStrategy[Any]:
     """Values that suit an annotation: finite, positive."""
     if hint is Prior:
         return st.builds(Prior, st.just("translation-along"), AXIS, st.floats(-1, 1), POSITIVE)
+    if hint is PosePrior:
+        return st.builds(
+            PosePrior, AXIS, st.tuples(*[POSITIVE] * 4), POSITIVE, st.none() | POSITIVE
+        )
+    if hint is DistancePrior:
+        names = st.permutations(["a.jpg", "b/ä.jpg", 'c"\\.jpg'])
+        return st.builds(DistancePrior, names.map(lambda n: tuple(n[:2])), POSITIVE, POSITIVE)
     if is_dataclass(hint) and isinstance(hint, type):
         return st.builds(hint, **{k: valid(v) for k, v in get_type_hints(hint).items()})
     if get_origin(hint) in (Union, UnionType):

@@ -17,7 +17,7 @@ from scipy import linalg, stats
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array, inverse, log, scaled
-from handeye_fg.graph.measurements import held_graph, joined, known_x_graph
+from handeye_fg.graph.measurements import held_graph, joined, known_graph
 from handeye_fg.graph.poses.fit import Fit, Problem, Rows, State, fitted
 from handeye_fg.graph.poses.measurements import (
     CameraNoise,
@@ -28,9 +28,10 @@ from handeye_fg.graph.poses.measurements import (
     robot_measurements,
 )
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
+from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.observability import LIMITS, WIDE, feigned_information, without_feigned
-from handeye_fg.options import Prior, RobotNoise
+from handeye_fg.options import RobotNoise, ScalePrior
 from handeye_fg.types import LinearStart
 
 # A robot pose as improbable as this among n good ones (over n) disagrees.
@@ -82,7 +83,7 @@ def pose_graph(
     camera_noise: CameraNoise | None = None,
     trusted: Rows | None = None,
     noise: RobotNoise | None = None,
-    priors: Sequence[Prior] = (),
+    priors: Sequence[OfXAndScale] = (),
     free: Array | None = None,
 ) -> PoseGraph:
     """Refine X, Z, the scale and the true poses together, and estimate the noise with them.
@@ -97,7 +98,7 @@ def pose_graph(
         camera_noise: None: told from the data.
         trusted: rows (n,) to begin with; later each row that fits is used. None: all.
         noise: the robot's levels, where they are known.
-        priors: what is known of X beforehand.
+        priors: what is known of X and, unless it is known to be 1, of the scale.
         free: orthonormal columns (7, k), in units of ``observability.LIMITS``: directions of
             (X, ln scale) that the motions leave free; there the start is kept.
 
@@ -123,7 +124,7 @@ def pose_graph(
         are_motions=isinstance(data, MotionPairs),
         inverted=inverted,
         scale_known=scale_known,
-        priors=joined([_wide_prior(start.gripper_T_camera), known_x_graph(priors)]),
+        priors=joined([_wide_prior(start.gripper_T_camera), _known(priors, unit)]),
         held=_held(start.gripper_T_camera, np.zeros((7, 0)) if free is None else free),
         given=_given(noise or RobotNoise()),
     )
@@ -256,6 +257,16 @@ def _covariance(fit: Fit, n: int) -> Array:
     std = np.array([np.linalg.norm(rotations), np.linalg.norm(distances)])
     feigned = feigned_information(fit.state.gripper_T_camera, n - 1, std, std)
     return without_feigned(1.0 / variances, vectors, feigned)
+
+
+def _known(priors: Sequence[OfXAndScale], unit: float) -> gtsam.NonlinearFactorGraph:
+    """What is known beforehand; the scale is relative to that of the start, ``unit``."""
+    graph = known_graph([prior for prior in priors if not isinstance(prior, ScalePrior)])
+    for prior in priors:
+        if isinstance(prior, ScalePrior):
+            noise = gtsam.noiseModel.Isotropic.Sigma(1, prior.std / prior.value)
+            graph.addPriorDouble(L(0), float(np.log(prior.value / unit)), noise)
+    return graph
 
 
 def _wide_prior(gripper_T_camera: Array) -> gtsam.NonlinearFactorGraph:
