@@ -111,7 +111,7 @@ def _completed(model: SfmModel, inputs: Inputs, folder: Path, options: Options) 
         return model
     reported = inputs.robot_poses(model.names)
     try:
-        linear = linear_start(reported, model.world_T_camera, priors=options.priors)
+        linear = linear_start(reported, model.world_T_camera)
     except HandEyeError:
         return model
     Z, scale = linear.base_T_world, linear.metres_per_world_unit
