@@ -101,10 +101,10 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
         progress=progress,
         turns=inputs.turns(inputs.names, options.setup),
     )
-    return _completed(model, inputs, folder, options)
+    return _completed(model, inputs, folder)
 
 
-def _completed(model: SfmModel, inputs: Inputs, folder: Path, options: Options) -> SfmModel:
+def _completed(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     """The model with the images that it left out, where robot and matches agree on where they were."""
     missing = [name for name, _ in model.unregistered]
     if not missing or len(model.cameras) > 1:
