@@ -236,7 +236,7 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
             f"The robot poses of {', '.join(bad)} disagree with the others and were left out."
         )
     for k, one in enumerate(view.intrinsics):
-        if one.focal_offset.confounded:
+        if one.focal_offset is not None and one.focal_offset.confounded:
             parts.append(_confounded(one.focal_offset, k if len(view.intrinsics) > 1 else None))
     if not final.converged:
         parts.append("The refinement stopped at its limit of iterations before it converged.")

@@ -75,6 +75,8 @@ def test_a_partial_result_is_code_3(calibrate, motion, kinds):
     leans = np.abs(vectors @ R_X).max(axis=0) > 0.1
     assert [std is None for std in calibration["std_translation_mm"]] == leans.tolist()
     assert None not in calibration["std_rotation_deg"]
+    # Nothing ties a position along the optical axis that is free.
+    assert (document["intrinsics"]["focal_offset"] is None) == leans[2]
     turn = np.degrees(Rotation.from_matrix(scene.gripper_T_camera[:3, :3].T @ R_X).magnitude())
     assert turn < 0.2
     assert all(

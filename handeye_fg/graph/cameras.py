@@ -57,7 +57,8 @@ class Intrinsics:
         refined: whether they were unknowns.
         std: standard deviations (k,) of ``camera.params``, zeros where kept.
         note: what was done and why, in words.
-        focal_offset: how focal length and the camera's position along its axis are tied.
+        focal_offset: how focal length and the camera's position along its axis are tied; None where the
+            motion does not determine the latter.
         other: X with the intrinsics free where they were kept, or at the given values where they were
             refined; None where none were given.
         contradiction: how the images contradict kept ones, in words, and the camera to be refined; None
@@ -68,7 +69,7 @@ class Intrinsics:
     refined: bool
     std: Array
     note: str
-    focal_offset: FocalOffset
+    focal_offset: FocalOffset | None
     other: OtherIntrinsics | None = None
     contradiction: tuple[str, CameraModel] | None = None
 
@@ -177,7 +178,7 @@ class _Call:
                 refined=True,
                 std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
                 note=note,
-                focal_offset=focal_offset(joint, camera, beliefs[k].unknown),
+                focal_offset=focal_offset(final, joint, beliefs[k].unknown, k),
                 other=other(final, joint, k, kept=False) if from_file else None,
             )
         return View(refinement=final, intrinsics=tuple(intrinsics[k] for k in range(len(given))))
@@ -216,7 +217,7 @@ class _Call:
                 refined=False,
                 std=np.zeros(len(given[k].params)),
                 note="The camera file's intrinsics were kept.",
-                focal_offset=focal_offset(own, given[k], unknown),
+                focal_offset=focal_offset(final, own, unknown, k),
                 other=other(final, own, k, kept=True),
                 contradiction=_contradiction(found[k], own, given[k], cameras[k]),
             )

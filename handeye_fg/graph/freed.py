@@ -22,8 +22,9 @@ from handeye_fg.graph.summary import Refinement
 from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import State, intrinsics_key
 from handeye_fg.lens import embedding
+from handeye_fg.observability import free_lean
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import CameraModel, FocalOffset, KnownPoints, OtherIntrinsics
+from handeye_fg.types import FocalOffset, KnownPoints, OtherIntrinsics
 
 _DEPTH = 5  # of X's tangent: the camera's position along its optical axis
 # A direction in which the change's standard deviation is a smaller part of X's own does not count.
@@ -31,6 +32,7 @@ _NOTICEABLE = 0.01
 # Focal length and position along the axis are confounded where knowing one makes the other so many
 # times as certain: with points at several depths and tilts of 25 degrees it is 1.1.
 _CONFOUNDED = 2.0
+_LEANS = 0.1  # of a free direction on the optical axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -193,16 +195,22 @@ def other(final: Refinement, freed_: Freed, camera: int = 0, *, kept: bool) -> O
     )
 
 
-def focal_offset(freed_: Freed, camera: CameraModel, unknown: Sequence[int]) -> FocalOffset:
-    """How focal length and the camera's position along its axis are tied to each other.
+def focal_offset(
+    final: Refinement, freed_: Freed, unknown: Sequence[int], camera: int = 0
+) -> FocalOffset | None:
+    """How focal length and a camera's position along its axis are tied; None where the latter is free.
 
     Args:
+        final: the optimum.
         freed_: X and the intrinsics.
-        camera: the intrinsics.
         unknown: which parameters the unknowns are.
+        camera: which camera.
     """
-    into = embedding(camera.model)[:, list(unknown)]
-    params = camera.params[list(unknown)]
+    if free_lean(final.observabilities[camera].covariance)[_DEPTH] > _LEANS:
+        return None
+    model = final.state.cameras[camera]
+    into = embedding(model.model)[:, list(unknown)]
+    params = model.params[list(unknown)]
     is_focal = into[:2].any(axis=0)
     mean = np.where(is_focal, 1.0 / np.where(is_focal, params, 1.0), 0.0) / is_focal.sum()
     variance = mean @ freed_.covariance[6:, 6:] @ mean

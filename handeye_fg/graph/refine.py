@@ -214,7 +214,6 @@ def refine(
     start: State,
     *,
     intrinsics: Sequence[IntrinsicsPrior],
-    sigma_scale: Array | None = None,
     noise: NoiseOptions,
     options: GraphOptions,
     progress: Progress,
@@ -232,7 +231,6 @@ def refine(
         base_T_gripper: reported robot poses (n, 4, 4), metres, in the order of ``start.rig``.
         start: first values; its cameras are those that see the tracks.
         intrinsics: prior of each camera's intrinsics; empty to keep all fixed.
-        sigma_scale: relative standard deviation (m,) of each observation; None: all the same.
         noise: the levels that the user knows.
         options: of the optimiser.
         progress: told the number of iterations.
@@ -249,7 +247,7 @@ def refine(
         ConvergenceError: no finite optimum.
     """
     _require_finite(start)
-    scales = np.ones(len(model.tracks.pixels)) if sigma_scale is None else sigma_scale
+    scales = np.ones(len(model.tracks.pixels))
     n_known = 0 if known is None else len(known.points_world)
     believed = np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted
 

@@ -165,7 +165,7 @@ class Result:
         intrinsics_note: what was done with the intrinsics and why, in words.
         other_intrinsics: X with the other choice, free or fixed; None where no intrinsics were given.
         focal_offset: how focal length and the camera's position along its axis are tied; None where
-            there were no images.
+            there were no images, or the motion does not determine the position.
         sfm: size of the reconstruction; None where there were no images.
         target: what a known target gave; None without target.
         second_start: whether another start of the refinement leads to the same optimum; None where

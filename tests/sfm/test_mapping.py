@@ -24,15 +24,19 @@ def camera(focal: float = 800.0) -> CameraModel:
 
 @pytest.fixture
 def database(tmp_path: Path) -> Path:
+    return synthetic(tmp_path, "OPENCV", PARAMS)
+
+
+def synthetic(folder: Path, model: str, params: list[float]) -> Path:
     pycolmap.set_random_seed(1)
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs = options.num_cameras_per_rig = 1
     options.num_frames_per_rig, options.num_points3D = 6, 300
-    options.camera_model_id = pycolmap.CameraModelId.OPENCV
+    options.camera_model_id = pycolmap.CameraModelId.__members__[model]
     options.camera_width, options.camera_height = 1024, 768
-    options.camera_params = PARAMS
+    options.camera_params = params
     options.camera_has_prior_focal_length = True
-    path = tmp_path / "database.db"
+    path = folder / "database.db"
     with pycolmap.Database.open(path) as db:
         pycolmap.synthesize_dataset(options, db)
     return path
@@ -85,6 +89,29 @@ def test_the_principal_point_is_found_where_the_mapper_kept_a_wrong_one(database
     # Observations without noise: what remains is where the adjustment stopped.
     np.testing.assert_allclose(with_centre(kept).cameras[1].params, PARAMS, atol=0.05)
     np.testing.assert_array_equal(kept.cameras[1].params, before)
+
+
+@pytest.mark.parametrize(
+    ("model", "params"),
+    [
+        ("PINHOLE", [800.0, 805.0, 515.0, 380.0]),
+        ("SIMPLE_RADIAL", [800.0, 515.0, 380.0, -0.06]),
+        ("RADIAL", [800.0, 515.0, 380.0, -0.06, 0.03]),
+        ("OPENCV_FISHEYE", [600.0, 605.0, 515.0, 380.0, 0.02, -0.01, 0.004, 0.0]),
+    ],
+)
+def test_a_camera_is_refined_in_its_own_model(
+    tmp_path: Path, model: str, params: list[float]
+) -> None:
+    found, truth = place(synthetic(tmp_path, model, params), STRICT), np.array(params)
+    assert found is not None
+    found.cameras[1].params = np.where(truth > 1.0, 1.01 * truth, 0.0)
+    found.update_point_3d_errors()
+    before, after = to_sfm_model(found), to_sfm_model(with_centre(found))
+    assert after.camera.model == model
+    # Observations without noise: what remains is where the adjustment stopped.
+    assert after.mean_reprojection_px < 0.05
+    assert before.mean_reprojection_px > 1.0
 
 
 def test_the_larger_model_is_kept(database: Path) -> None:
