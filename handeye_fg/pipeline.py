@@ -12,7 +12,7 @@ from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene, find_scene
 from handeye_fg.solvers.rig import rig_start
-from handeye_fg.turns import require_setup_of_poses
+from handeye_fg.turns import require_same_turns
 
 
 def calibrate(
@@ -61,9 +61,9 @@ def solve_scene(
     model, known = scene.model, scene.known
     rig, reported = inputs.arm(model)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
-    require_setup_of_poses(
-        inputs.turns(model.names, options.setup), model.world_T_camera[:, :3, :3]
-    )
+    first = model.image_camera == 0
+    turns = inputs.turns(model.names, options.setup).only(first)
+    require_same_turns(turns, model.world_T_camera[first, :3, :3])
     priors = in_world_units(options.priors, model.names, model.world_T_camera)
     linear = rig_start(reported, model.world_T_camera, rig, priors=priors)
     clock.lap("linear start")

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye_fg.errors import InputDataError
+from handeye_fg.errors import ConvergenceError, InputDataError
 from handeye_fg.frames import Array, orthonormalised, quaternions
 from handeye_fg.options import Setup
 from handeye_fg.types import Indices
@@ -25,6 +25,9 @@ _ROUNDS = 3
 _CHANCE, _HANDFUL = 0.1, 6
 # More pairs of poses add time and no certainty.
 _MOST_PAIRS = 2000
+# So many turns tell whether there is anything in common. With the worst arm they agree this well.
+_ENOUGH = 15
+_WIDELY = np.deg2rad(15.0)
 # A setup is called wrong if so many times more pairs agree with the other one.
 _CLEARLY = 2.0
 
@@ -46,6 +49,10 @@ class RobotTurns:
         """Turns (k, 3, 3) from poses i to poses j."""
         return np.asarray(np.swapaxes(self.rotations[i], 1, 2) @ self.rotations[j])
 
+    def only(self, which: Indices | NDArray[np.bool_]) -> "RobotTurns":
+        """Those of some of the images."""
+        return RobotTurns(rotations=self.rotations[which], setup=self.setup)
+
     def inverted(self) -> "RobotTurns":
         """The turns if the camera were mounted the other way."""
         other: Setup = "eye-in-hand" if self.setup == "eye-to-hand" else "eye-to-hand"
@@ -65,26 +72,27 @@ class Agreement:
     significant: bool
 
 
-def agreement(robot: Array, camera: Array, seed: int = 0) -> Agreement:
+def agreement(robot: Array, camera: Array, seed: int = 0, within: float = _WITHIN) -> Agreement:
     """Find the R_X that the most turns agree with.
 
     Args:
         robot: turns R_A (k, 3, 3) of the robot.
         camera: turns R_B (k, 3, 3) of the camera between the same instants.
         seed: of the samples.
+        within: largest angle between turns that agree, radians.
     """
     q_a, q_b = quaternions(robot), quaternions(camera)
     turn_a, turn_b = _angles(q_a), _angles(q_b)
     # A turn keeps its angle whatever the mounting is.
-    likely = np.flatnonzero((np.abs(turn_a - turn_b) < _WITHIN) & (turn_a > _LEAST))
+    likely = np.flatnonzero((np.abs(turn_a - turn_b) < within) & (turn_a > _LEAST))
     if len(likely) < 2:
         return Agreement(agrees=np.zeros(len(robot), dtype=bool), significant=False)
     rng = np.random.default_rng(seed)
     samples = likely[rng.integers(0, len(likely), (_SAMPLES, 2))]
-    agrees = _agrees(_mountings(q_a[samples], q_b[samples]), q_a, q_b)
+    agrees = _agrees(_mountings(q_a[samples], q_b[samples]), q_a, q_b, within)
     best = agrees[np.argmax(agrees.sum(axis=1))]
     for _ in range(_ROUNDS):
-        best = _agrees(_mountings(q_a[best][None], q_b[best][None]), q_a, q_b)[0]
+        best = _agrees(_mountings(q_a[best][None], q_b[best][None]), q_a, q_b, within)[0]
         if best.sum() < 2:
             break
     # Turns that say nothing of the axis agree with everything.
@@ -125,15 +133,31 @@ def require_setup(robot: RobotTurns, i: Indices, j: Indices, camera: Array, seed
     )
 
 
-def require_setup_of_poses(robot: RobotTurns, world_R_camera: Array, seed: int = 0) -> None:
-    """``require_setup`` with camera orientations (n, 3, 3).
+def require_same_turns(robot: RobotTurns, world_R_camera: Array, seed: int = 0) -> None:
+    """Refuse camera poses that turn otherwise than the robot, before anything is computed from them.
+
+    Args:
+        robot: the robot's turns.
+        world_R_camera: orientations (n, 3, 3) of one camera.
+        seed: of the samples.
 
     Raises:
-        InputDataError: as there.
+        InputDataError: they would turn alike in the other setup.
+        ConvergenceError: they do not in either, but for what chance does.
     """
     i, j = _pairs(len(world_R_camera), seed)
     camera = np.swapaxes(world_R_camera[i], 1, 2) @ world_R_camera[j]
     require_setup(robot, i, j, camera, seed)
+    turns = robot.between(i, j)
+    telling = int(np.count_nonzero(_angles(quaternions(turns)) > _LEAST))
+    found = agreement(turns, camera, seed, _WIDELY)
+    if telling >= _ENOUGH and not found.significant:
+        raise ConvergenceError(
+            f"robot and camera turn differently: only {found.agrees.sum()} of {len(turns)} turns between images agree, whatever "
+            "the mounting of the camera; check the convention of the poses (inverted, transposed, other "
+            "quaternion or Euler order) and that rows belong to their images; where things in the images "
+            "look alike, give the camera file, masks and more images"
+        )
 
 
 def _pairs(n: int, seed: int) -> tuple[Indices, Indices]:
@@ -154,9 +178,9 @@ def _mountings(q_a: Array, q_b: Array) -> Array:
     return orthonormalised(np.einsum("smi,smj->sij", q_a[..., 1:], q_b[..., 1:]))
 
 
-def _agrees(R_X: Array, q_a: Array, q_b: Array) -> NDArray[np.bool_]:
+def _agrees(R_X: Array, q_a: Array, q_b: Array, within: float) -> NDArray[np.bool_]:
     """Which turns (k,) agree with each of the R_X (s, 3, 3)."""
     turned = np.einsum("sij,kj->ski", R_X, q_b[:, 1:])
     # Half the angle between two turns; both signs of a quaternion are the same turn.
     cosine = np.abs(q_a[:, 0] * q_b[:, 0] + np.einsum("ski,ki->sk", turned, q_a[:, 1:]))
-    return np.asarray(cosine > np.cos(0.5 * _WITHIN))
+    return np.asarray(cosine > np.cos(0.5 * within))

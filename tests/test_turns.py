@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handeye_fg.errors import InputDataError
+from handeye_fg.errors import ConvergenceError, InputDataError
 from handeye_fg.simulate import simulate_poses
 from handeye_fg.turns import (
     RobotTurns,
     agreement,
     pose_agreement,
+    require_same_turns,
     require_setup,
-    require_setup_of_poses,
 )
 
 
@@ -56,29 +56,29 @@ def test_the_wrong_setup_is_refused_with_both_counts(setup: str) -> None:
     other = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}[setup]
     reported, camera, _ = simulate_poses(np.random.default_rng(1), n_poses=10)
     right = RobotTurns(rotations=reported[:, :3, :3], setup=setup)
-    require_setup_of_poses(right, camera[:, :3, :3])
+    require_same_turns(right, camera[:, :3, :3])
     assert pose_agreement(right, camera[:, :3, :3]) == pytest.approx(1.0)
     wrong = right.inverted()
     assert wrong.setup == other
     with pytest.raises(
         InputDataError, match=f"images fit --setup {setup}, not --setup {other}: 45 of"
     ):
-        require_setup_of_poses(wrong, camera[:, :3, :3])
+        require_same_turns(wrong, camera[:, :3, :3])
 
 
 def test_one_axis_accuses_nobody() -> None:
     """Turns about one axis fit both setups."""
     reported, camera, _ = simulate_poses(np.random.default_rng(2), n_poses=12, motion="one_axis")
     turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
-    require_setup_of_poses(turns, camera[:, :3, :3])
-    require_setup_of_poses(turns.inverted(), camera[:, :3, :3])
+    require_same_turns(turns, camera[:, :3, :3])
+    require_same_turns(turns.inverted(), camera[:, :3, :3])
 
 
 def test_wrong_rows_accuse_nobody() -> None:
     reported, camera, _ = simulate_poses(np.random.default_rng(3), n_poses=20)
     reported[:6] = reported[[1, 2, 3, 4, 5, 0]]
     turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
-    require_setup_of_poses(turns, camera[:, :3, :3])
+    require_same_turns(turns, camera[:, :3, :3])
     assert 0.4 < pose_agreement(turns, camera[:, :3, :3]) < 0.6  # (14 / 20)^2
 
 
@@ -86,3 +86,16 @@ def test_no_turns_accuse_nobody() -> None:
     none = np.zeros(0, dtype=np.int64)
     turns = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
     require_setup(turns, none, none, np.zeros((0, 3, 3)))
+
+
+def test_poses_that_have_nothing_in_common_are_refused() -> None:
+    rng = np.random.default_rng(4)
+    turns = RobotTurns(rotations=random_turns(rng, 12), setup="eye-in-hand")
+    with pytest.raises(ConvergenceError, match=r"only \d+ of 66 turns between images agree"):
+        require_same_turns(turns, random_turns(rng, 12))
+    # Too few to tell, or without turns.
+    require_same_turns(
+        RobotTurns(rotations=turns.rotations[:5], setup="eye-in-hand"), random_turns(rng, 5)
+    )
+    still = RobotTurns(rotations=np.tile(np.eye(3), (12, 1, 1)), setup="eye-in-hand")
+    require_same_turns(still, random_turns(rng, 12))

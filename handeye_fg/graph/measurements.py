@@ -29,6 +29,8 @@ Gauge = Literal["base", "first camera"]
 
 # Radians and metres; a millimetre off, it moves what is determined to 10 um by 1e-15 m.
 _WIDE = 10.0
+# Metres; where nothing fits, the scale falls towards zero, and GTSAM takes a sigma of zero for a constraint.
+_LEAST_EXTENT = 1e-6
 # Standard deviation, in units of the limits of observability, of X along directions that are kept.
 _HELD = 0.01
 
@@ -97,7 +99,7 @@ def gauge_graph(state: State, gauge: Gauge) -> gtsam.NonlinearFactorGraph:
     graph.addPriorDouble(LOG_SCALE, state.log_scale, gtsam.noiseModel.Isotropic.Sigma(1, 1.0))
     extent = float(np.ptp(state.world_T_camera[:, :3, 3], axis=0).max())
     if gauge == "base":
-        metres = extent * float(np.exp(state.log_scale))
+        metres = max(extent * float(np.exp(state.log_scale)), _LEAST_EXTENT)
         model = gtsam.noiseModel.Diagonal.Sigmas(pose_sigmas(1.0, metres))
         graph.addPriorPose3(BASE_T_WORLD, gtsam.Pose3(state.base_T_world), model)
     else:

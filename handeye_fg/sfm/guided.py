@@ -124,5 +124,4 @@ def model_agreement(reconstruction: pycolmap.Reconstruction | None, turns: Robot
     rows = np.array([image.image_id - 1 for image in images])
     orientations = np.array([image.cam_from_world().rotation.matrix().T for image in images])
     placed = len(rows) / len(turns.rotations)
-    part = RobotTurns(rotations=turns.rotations[rows], setup=turns.setup)
-    return placed**2 * pose_agreement(part, orientations)
+    return placed**2 * pose_agreement(turns.only(rows), orientations)
