@@ -154,9 +154,16 @@ def _bad_poses(model: SfmModel, final: Refinement) -> list[str]:
     for name, pose in zip(model.names, final.state.rig.pose, strict=True):
         if final.outliers[pose]:
             degrees, millimetres = np.rad2deg(lengths[pose, 0]), 1e3 * lengths[pose, 1]
-            w_test = f"w {final.w_test[pose]:.3g}"
-            named.append(f"{name} ({millimetres:.3g} mm, {degrees:.2g} deg, {w_test})")
+            w_test = final.w_test[pose]
+            named.append(
+                f"{name} ({_plain(millimetres)} mm, {_plain(degrees)} deg, w {_plain(w_test)})"
+            )
     return named
+
+
+def _plain(value: float) -> str:
+    """A positive number with two digits or more, and no exponent unless it is tiny."""
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
 
 
 def _told(second: SecondStart) -> list[str]:
@@ -169,8 +176,8 @@ def _told(second: SecondStart) -> list[str]:
     if not second.agrees:
         parts.append(
             "A second start of the refinement ended elsewhere, "
-            f"{np.rad2deg(second.rotation):.2g} deg and {1e3 * second.translation:.2g} mm away: X is "
-            "not reliable; take more images, with large rotations about different axes."
+            f"{_plain(np.rad2deg(second.rotation))} deg and {_plain(1e3 * second.translation)} mm "
+            "away: X is not reliable; take more images, with large rotations about different axes."
         )
     return parts
 

@@ -11,15 +11,18 @@ from handeye_fg.graph import refine, start_state
 from handeye_fg.graph import second_start as module
 from handeye_fg.options import GraphOptions, NoiseOptions, Prior
 from handeye_fg.progress import silent
-from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.solvers import linear_start
+from handeye_fg.solvers.rig import rig_start
 
 
 def simulated(seed, **options):
     return simulate_scene(np.random.default_rng(seed), n_points=80, start_sigma=1e-4, **options)
 
 
-def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, priors=()):
+def fit(
+    scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, priors=(), inverted=False
+):
     reported = scene.robot_poses.base_T_gripper
     linear = linear_start(reported, scene.model.world_T_camera)
     start = start_state(scene.model, [scene.camera], linear)
@@ -33,6 +36,7 @@ def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, prior
         options=GraphOptions(),
         progress=silent,
         priors=priors,
+        inverted=inverted,
     )
 
 
@@ -68,6 +72,32 @@ def test_a_start_that_leads_astray_is_mended(off):
     assert far.second_start.agrees
     assert far.second_start.restarted
     np.testing.assert_allclose(distance(right, far), 0.0, atol=1e-7)
+
+
+def test_robot_poses_that_are_inverted():
+    scene = simulated(3, n_images=8)
+    assert fit(scene, inverted=True).second_start.agrees
+
+
+def test_several_cameras_keep_their_places_on_the_arm():
+    arm = simulate_rig(np.random.default_rng(4), n_poses=8, n_points=80, start_sigma=1e-4)
+    reported, model = arm.robot_poses.base_T_gripper, arm.scene.model
+    linear = rig_start(reported, model.world_T_camera, arm.rig)
+    start = start_state(model, [arm.scene.camera] * 2, linear, arm.rig)
+    aside = frames.pose(np.eye(3), np.array([0.4, -0.2, 0.4]))
+    for first in (start, replace(start, gripper_T_cameras=aside @ start.gripper_T_cameras)):
+        result = refine(
+            model,
+            reported,
+            first,
+            intrinsics=(),
+            noise=NoiseOptions(),
+            options=GraphOptions(),
+            progress=silent,
+        )
+        assert result.second_start.agrees
+        assert result.second_start.restarted == (first is not start)
+        np.testing.assert_allclose(result.state.gripper_T_cameras, arm.gripper_T_cameras, atol=1e-3)
 
 
 def test_known_noise_levels():
