@@ -113,7 +113,7 @@ def test_without_a_camera_the_intrinsics_are_refined(images, scene, reconstructi
 
 def test_the_limit_of_iterations_is_told(images, scene, monkeypatch):
     rng = np.random.default_rng(0)
-    far = disturbed(rng, scene.model.world_T_camera, 0.05, 0.0)
+    far = disturbed(rng, scene.model.world_T_camera, 0.15, 0.0)
     model = replace(scene.model, world_T_camera=far)
     monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: model)
     options = hf.Options(graph=hf.GraphOptions(max_iterations=1))

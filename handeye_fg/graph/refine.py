@@ -36,6 +36,8 @@ _TOLERANCE = 1e-7
 _LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
 _GOOD = 0.25  # part of a step's expected decrease that may be missing
 _MOST_RESTARTS = 2  # from a better optimum; a second one was never seen
+_MOST_ROUNDS = 4  # of leaving out mismatches
+_FEW = 0.02  # part of the observations; where no more go, no further round is worth its time
 _MOST_SETS = 5  # of robot poses that agree; a second one is rare
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
@@ -312,15 +314,18 @@ def _optimum(
     problem = build(kept, used)
     residuals = robot_residuals(kept.state, problem.base_T_gripper, inverted=problem.inverted)
     levels = _first_noise(kept, residuals[used], with_corners=problem.known is not None)
+    for _ in range(_MOST_ROUNDS):
+        fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
+        before = len(kept.tracks.pixels)
+        # Mismatches that hid behind a wrong start, or behind others, show now.
+        kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
+        problem, levels, done = build(kept, used), solution.noise, fit.iterations
+        more = fit.converged and len(kept.tracks.pixels) < (1.0 - _FEW) * before
+        del fit, solution  # large, and the next ones take as much again
+        if not more:
+            break
     fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
-    used, solution = agreeing(fit.linearised, fit.solution, used, noise)
-
-    # Mismatches that hid behind a wrong start show now.
-    kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
-    problem = build(kept, used)
-    state, levels, done = kept.state, solution.noise, fit.iterations
-    del fit, solution  # large, and the next ones take as much again
-    fit = _fitted(problem, state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
     levels = replace(fit.solution.noise, image_inflation=_inflation(kept, fit))
     state, done = fit.state, fit.iterations
     for _ in range(_MOST_SETS):
