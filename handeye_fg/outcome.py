@@ -14,7 +14,15 @@ from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
 from handeye_fg.scene import Scene
-from handeye_fg.types import FocalOffset, LinearStart, SecondStart, Setup, SfmModel, folder_of
+from handeye_fg.types import (
+    FocalOffset,
+    LinearStart,
+    SecondStart,
+    Setup,
+    SfmModel,
+    folder_of,
+    folders_of,
+)
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
@@ -94,7 +102,7 @@ def assemble(
         ),
         target=_target(scene, view),
         second_start=final.second_start,
-        cameras=_cameras(model, view) if len(model.cameras) > 1 else (),
+        cameras=_cameras(model, view) if len(model.cameras) > 1 or _missing(inputs, model) else (),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
@@ -182,9 +190,15 @@ def _told(second: SecondStart) -> list[str]:
     return parts
 
 
+def _missing(inputs: Inputs, model: SfmModel) -> list[str]:
+    """The cameras, by their folders, of which the reconstruction placed no image."""
+    return sorted({*folders_of(inputs.names)} - {*folders_of(model.names)})
+
+
 def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
     """What is known of each camera."""
     final = view.refinement
+    taken_by = final.state.rig.camera[final.tracks.image_index]
     _, first_image = np.unique(model.image_camera, return_index=True)
     return tuple(
         CameraReport(
@@ -196,6 +210,8 @@ def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
             intrinsics_refined=intrinsics.refined,
             intrinsics_std=intrinsics.std,
             intrinsics_note=intrinsics.note,
+            pixel=final.noise.pixel
+            * float(np.sqrt(np.mean(final.sigma_scale[taken_by == k] ** 2))),
             other_intrinsics=intrinsics.other,
             focal_offset=intrinsics.focal_offset,
             first_T_camera=final.first_T_cameras[k],
@@ -227,6 +243,11 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
     model, final = scene.model, view.refinement
     n, total = len(model.names), len(inputs.names)
     parts = [f"Calibrated from {n} of {total} images."]
+    if missing := _missing(inputs, model):
+        parts.append(
+            f"No image of {', '.join(missing)} could be placed, so that there is no X of it; take images "
+            "that overlap with those of the other cameras."
+        )
     if inputs.left_out:
         parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
     if model.static_share >= _WORTH_TELLING:

@@ -14,7 +14,7 @@ from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.solvers import linear_start
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
-from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel, folders_of
 
 _FEWEST_IMAGES = 3
 # A linear start of so many images whose residuals (radians; part of the cameras' extent) are no larger
@@ -107,7 +107,7 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
 def _completed(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     """The model with the images that it left out, where robot and matches agree on where they were."""
     missing = [name for name, _ in model.unregistered]
-    if not missing or len(model.cameras) > 1:
+    if not missing or len(folders_of(inputs.names)) > 1:  # X is of one camera
         return model
     reported = inputs.robot_poses(model.names)
     try:

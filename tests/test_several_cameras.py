@@ -87,6 +87,8 @@ def test_calibrate(images, scene, reconstruction, tmp_path):
     assert reconstruction[0]["names"] == scene.scene.model.names
     assert list(reconstruction[0]["cameras"]) == ["cam0", "cam1"]
     assert [camera.name for camera in result.cameras] == ["cam0", "cam1"]
+    for camera in result.cameras:
+        assert camera.pixel == pytest.approx(scene.scene.noise.pixel, rel=0.15)
     first, second = result.cameras
     # The first camera's figures are those of the whole.
     np.testing.assert_array_equal(first.matrix, result.matrix)
@@ -147,6 +149,35 @@ def test_one_folder_is_one_camera(images, scene, reconstruction, monkeypatch):
     assert result.cameras == ()
     assert "cameras" not in to_document(result)
     assert result.images[0].name == "cam0/image_0000.jpg"
+
+
+def test_a_camera_without_placed_images_is_named(images, scene, reconstruction, monkeypatch):
+    """What is left must not be taken for the first camera."""
+    whole, tracks = scene.scene.model, scene.scene.model.tracks
+    kept = np.flatnonzero(whole.image_camera == 1)
+    seen = np.isin(tracks.image_index, kept)
+    alone = replace(
+        whole,
+        names=tuple(whole.names[i] for i in kept),
+        world_T_camera=whole.world_T_camera[kept],
+        cameras=whole.cameras[1:],
+        image_camera=np.zeros(len(kept), dtype=int),
+        tracks=replace(
+            tracks,
+            image_index=tracks.image_index[seen] - kept[0],
+            point_index=tracks.point_index[seen],
+            pixels=tracks.pixels[seen],
+        ),
+        unregistered=tuple((name, "no features") for name in whole.names[: kept[0]]),
+    )
+    monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: alone)
+    result = hf.calibrate(images, poses_of(scene), camera=scene.scene.camera)
+    assert "No image of cam0 could be placed" in result.message
+    (camera,) = result.cameras
+    assert camera.name == "cam1"
+    jsonschema.validate(json.loads(json.dumps(to_document(result))), result_schema())
+    error = frames.log(frames.inverse(camera.matrix) @ scene.gripper_T_cameras[1])
+    assert np.rad2deg(np.linalg.norm(error[:3])) < 0.05
 
 
 def test_poses_of_each_image_are_poses_of_their_own(images, scene, reconstruction):

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from handeye_fg.frames import Array, quaternion_xyzw
-from handeye_fg.io.checks import set_array, set_pose
+from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.other_intrinsics import offset_document, other_document
 from handeye_fg.observability import free_lean
 from handeye_fg.types import CameraModel, FocalOffset, FreeDirection, OtherIntrinsics
@@ -72,6 +72,8 @@ class CameraReport:
         intrinsics_refined: whether they were estimated.
         intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
         intrinsics_note: what was done with the intrinsics and why, in words.
+        pixel: standard deviation of an observation in its images, pixels; the noise of the result has
+            that of all cameras together.
         other_intrinsics, focal_offset: as in ``Result``.
         first_T_camera: the camera's pose in the first camera (4, 4), metres.
         first_T_camera_covariance: its covariance (6, 6), order (rotation, translation), right
@@ -86,6 +88,7 @@ class CameraReport:
     intrinsics_refined: bool
     intrinsics_std: Array
     intrinsics_note: str
+    pixel: float
     other_intrinsics: OtherIntrinsics | None
     focal_offset: FocalOffset | None
     first_T_camera: Array
@@ -97,6 +100,7 @@ class CameraReport:
         for name in ("covariance", "first_T_camera_covariance"):
             set_array(self, name, (6, 6))
         set_array(self, "intrinsics_std", self.camera.params.shape)
+        check_finite(self, "pixel")
 
 
 def std_rotation_deg(result: Calibrated) -> Stds:
@@ -219,6 +223,7 @@ def cameras_document(cameras: Sequence[CameraReport], parent: str) -> list[Docum
             "name": report.name,
             "calibration": calibration_document(report, parent),
             "intrinsics": intrinsics_document(report),
+            "pixel_px": float(report.pixel),
             "first_T_camera": {
                 **_pose_document(report.first_T_camera, report.first_T_camera_covariance),
                 "std_rotation_deg": list(relative_std_rotation_deg(report)),

@@ -216,6 +216,7 @@ def _camera(fields: Fields, setup: Setup) -> CameraReport:
         covariance=calibration.array("covariance", (6, 6)),
         free_directions=_free_directions(calibration),
         **_intrinsics(fields.mapping("intrinsics")),
+        pixel=fields.number("pixel_px"),
         first_T_camera=relative.array("matrix", (4, 4)),
         first_T_camera_covariance=relative.array("covariance", (6, 6)),
     )

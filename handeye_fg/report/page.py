@@ -233,7 +233,8 @@ def _camera(camera: CameraReport) -> dict[str, object]:
             relative_std_rotation_deg(camera),
             relative_std_translation_mm(camera),
         ),
-        "intrinsics": f"{camera.camera.model} {numbers}. {camera.intrinsics_note}",
+        "intrinsics": f"image observations ± {wording.significant(camera.pixel)} px per axis; "
+        f"{camera.camera.model} {numbers}. {camera.intrinsics_note}",
     }
 
 

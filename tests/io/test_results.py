@@ -123,6 +123,7 @@ def camera_reports(draw: st.DrawFn) -> CameraReport:
         intrinsics_refined=draw(st.booleans()),
         intrinsics_std=np.abs(params),
         intrinsics_note=draw(words),
+        pixel=draw(positive),
         other_intrinsics=draw(st.none() | other_intrinsics),
         focal_offset=draw(st.none() | focal_offsets),
         first_T_camera=draw(poses),
