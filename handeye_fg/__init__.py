@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
     from handeye_fg.options import (
+        CameraPrior,
         DistancePrior,
         GraphOptions,
         NoiseOptions,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from handeye_fg.pipeline import calibrate
 
 __all__ = [
+    "CameraPrior",
     "ConvergenceError",
     "DistancePrior",
     "GraphOptions",
@@ -64,6 +66,7 @@ _HOME = {
     "solve": "from_poses",
     **dict.fromkeys(
         (
+            "CameraPrior",
             "DistancePrior",
             "GraphOptions",
             "NoiseOptions",

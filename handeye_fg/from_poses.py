@@ -20,6 +20,7 @@ from handeye_fg.observability import analyse
 from handeye_fg.options import (
     AnyPrior,
     CameraNoise,
+    CameraPrior,
     DistancePrior,
     MethodName,
     RobotNoise,
@@ -189,9 +190,14 @@ def _known(
     """The priors in terms of X and the scale.
 
     Raises:
-        InputDataError: one is of a length where the method takes the camera's translations as metres,
+        InputDataError: one is of intrinsics, or of a length where the method takes the camera's translations as metres,
             or of a distance between motions.
     """
+    if any(isinstance(prior, CameraPrior) for prior in priors):
+        raise InputDataError(
+            "a prior of kind intrinsics is about a camera file, but pose pairs come without images; leave "
+            "it out"
+        )
     lengths = [prior.kind for prior in priors if isinstance(prior, ScalePrior | DistancePrior)]
     if lengths and scale_known:
         raise InputDataError(

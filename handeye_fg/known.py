@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.options import AnyPrior, DistancePrior, PosePrior, Prior, ScalePrior
+from handeye_fg.options import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
 
 OfXAndScale = Prior | PosePrior | ScalePrior
 """The kinds that X and the scale alone decide."""
@@ -62,7 +62,7 @@ def rows(prior: OfXAndScale, X: Array, log_scale: float) -> tuple[Array, Array]:
 def in_world_units(
     priors: Sequence[AnyPrior], names: Sequence[str], world_T_camera: Array
 ) -> tuple[OfXAndScale, ...]:
-    """The priors with every known distance as the scale that it gives with the cameras where they are.
+    """The priors of X and the scale, a known distance as the scale that it gives with the cameras as they are.
 
     Args:
         priors: what is known.
@@ -74,6 +74,8 @@ def in_world_units(
     """
     result: list[OfXAndScale] = []
     for prior in priors:
+        if isinstance(prior, CameraPrior):
+            continue
         if not isinstance(prior, DistancePrior):
             result.append(prior)
             continue

@@ -221,7 +221,25 @@ class DistancePrior:
         _require_positive(self.std, "metres")
 
 
-AnyPrior = Prior | PosePrior | ScalePrior | DistancePrior
+@dataclass(frozen=True, slots=True)
+class CameraPrior:
+    """How right the camera file is; its values are then refined with it as prior.
+
+    Attributes:
+        focal_percent: standard deviation of the focal lengths, per cent.
+        centre_px: of the principal point in each direction, pixels.
+    """
+
+    focal_percent: float
+    centre_px: float
+    kind: Literal["intrinsics"] = "intrinsics"
+
+    def __post_init__(self) -> None:
+        _require_positive(self.focal_percent, "per cent")
+        _require_positive(self.centre_px, "pixels")
+
+
+AnyPrior = Prior | PosePrior | ScalePrior | DistancePrior | CameraPrior
 """What may be known beforehand, each kind told by its ``kind``."""
 
 # For each kind the words that follow it on the command line.
@@ -230,6 +248,7 @@ _WORDS = {
     "pose": "X,Y,Z,QX,QY,QZ,QW STD_DEG STD_MM",
     "scale": "METRES_PER_WORLD_UNIT STD",
     "distance": "IMAGE IMAGE METRES STD",
+    "intrinsics": "FOCAL_PERCENT CENTRE_PX",
 }
 
 
@@ -254,6 +273,8 @@ def _prior_of(words: list[str]) -> AnyPrior:
             return PosePrior(pose[:3], pose[3:], degrees, millimetres)
         case "scale":
             return ScalePrior(float(rest[0]), float(rest[1]))
+        case "intrinsics":
+            return CameraPrior(float(rest[0]), float(rest[1]))
         case _:
             return DistancePrior((rest[0], rest[1]), float(rest[2]), float(rest[3]))
 
@@ -268,6 +289,8 @@ def _words_of(prior: AnyPrior) -> list[str]:
         pose = ",".join(map(str, (*prior.position, *prior.quaternion_xyzw)))
         stds = (prior.std_rotation_deg, prior.std_translation_mm)
         return [prior.kind, pose, *("-" if std is None else str(std) for std in stds)]
+    if isinstance(prior, CameraPrior):
+        return [prior.kind, str(prior.focal_percent), str(prior.centre_px)]
     first = [",".join(map(str, prior.axis))] if isinstance(prior, Prior) else []
     first += prior.images if isinstance(prior, DistancePrior) else ()
     return [prior.kind, *first, str(prior.value), str(prior.std)]
@@ -306,7 +329,8 @@ class Options:
     --config file. The camera's position along an axis of the gripper (the base, for eye-to-hand), in metres:
     translation-along 0,0,1 0.080 0.001. Its whole pose there, with the standard deviations of rotation and
     position (- for unknown): pose X,Y,Z,QX,QY,QZ,QW DEG MM. The distance of the camera's places in two
-    images, in metres: distance a.jpg b.jpg 0.250 0.0001. For poses or a model that exist already, the unit
+    images, in metres: distance a.jpg b.jpg 0.250 0.0001. How right the camera file is: intrinsics
+    FOCAL_PERCENT CENTRE_PX. For poses or a model that exist already, the unit
     of their world: scale METRES_PER_WORLD_UNIT STD."""
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)

@@ -378,6 +378,7 @@ def test_priors_of_every_kind_are_read() -> None:
         "translation-along": (["0,0,1", "0.08", "0.001"], {"axis": (0.0, 0.0, 1.0), "std": 0.001}),
         "pose": (["0,0,-0.1,0,0,0,1", "0.5", "-"], {"std_translation_mm": None}),
         "scale": (["0.25", "0.01"], {"value": 0.25}),
+        "intrinsics": (["0.2", "3"], {"focal_percent": 0.2, "centre_px": 3.0}),
         "distance": (["a.jpg", "b.jpg", "0.25", "0.001"], {"images": ("a.jpg", "b.jpg")}),
     }
     flags = [word for kind, (rest, _) in words.items() for word in ("--prior", kind, *rest)]

@@ -232,6 +232,8 @@ def test_priors_that_cannot_be_used_are_refused(tmp_path):
             hf.solve(robot, camera, "park_martin", names=names, priors=[prior])
     with pytest.raises(hf.InputDataError, match="z has no camera pose"):
         hf.solve(robot, camera, names=names, priors=[strange])
+    with pytest.raises(hf.InputDataError, match="pose pairs come without images"):
+        hf.solve(robot, camera, names=names, priors=[hf.CameraPrior(0.2, 3.0)])
     with pytest.raises(hf.InputDataError, match="the rows are motions"):
         hf.solve(robot[1:], camera[1:], motions=True, priors=[distance])
     still = np.stack([camera[0], camera[0], *camera[2:]])
@@ -260,6 +262,7 @@ def test_options_refuse_priors_that_say_nothing():
         (lambda: hf.ScalePrior(0.0, 0.1), "value is 0.0"),
         (lambda: hf.ScalePrior(1.0, np.inf), "standard deviation is inf"),
         (lambda: hf.DistancePrior(("a", "a"), 1.0, 0.1), "two different names"),
+        (lambda: hf.CameraPrior(0.0, 1.0), "positive number of per cent"),
         (lambda: hf.DistancePrior(("a", "b"), -1.0, 0.1), "value is -1.0"),
     ):
         with pytest.raises(ValueError, match=words):
@@ -267,7 +270,7 @@ def test_options_refuse_priors_that_say_nothing():
 
 
 def test_priors_survive_the_options_file(tmp_path):
-    options = Options(priors=(*PRIORS, DISTANCE))
+    options = Options(priors=(*PRIORS, DISTANCE, hf.CameraPrior(0.2, 3.0)))
     assert read_config(write_config(options, tmp_path / "config.toml")) == options
     (tmp_path / "bad.toml").write_text('[[priors]]\nkind = "mass"\nvalue = 0.1\n', encoding="utf-8")
     with pytest.raises(

@@ -19,7 +19,7 @@ from handeye_fg.graph.refine import refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
 from handeye_fg.intrinsics import covers_image, nearest
 from handeye_fg.lens import embedding, generalised, lens_of, refinable
-from handeye_fg.options import Options
+from handeye_fg.options import CameraPrior, Options
 from handeye_fg.progress import Progress
 from handeye_fg.types import (
     CameraModel,
@@ -89,8 +89,8 @@ class View:
     scale_note: str = ""
 
 
-def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
-    """The prior around a camera."""
+def _prior(camera: CameraModel, *, free: bool, given: CameraPrior | None = None) -> IntrinsicsPrior:
+    """The prior around a camera; ``given``: what the user says of a camera file, if anything."""
     focal, centre, radial, tangential = (
         (_FREE_FOCAL, _FREE_CENTRE, _FREE_RADIAL, _FREE_TANGENTIAL)
         if free
@@ -102,7 +102,10 @@ def _prior(camera: CameraModel, *, free: bool) -> IntrinsicsPrior:
         coefficients[2:4] = tangential
     if camera.model == "FULL_OPENCV":
         coefficients[[0, 1, 4]] *= _THREE_TERMS
-    family = np.concatenate([focal * lens.focal, [centre * camera.width] * 2, coefficients])
+    centre_px = centre * camera.width
+    if given is not None:
+        focal, centre_px = 0.01 * given.focal_percent, given.centre_px
+    family = np.concatenate([focal * lens.focal, [centre_px] * 2, coefficients])
     sigmas, unknown = np.zeros(len(camera.params)), refinable(camera.model)
     sigmas[unknown] = (into.T @ family / into.sum(axis=0))[unknown]
     return IntrinsicsPrior(params=camera.params, sigmas=sigmas)
@@ -132,6 +135,12 @@ class _Call:
         return of_model(self.options.priors, self.model, self.rig)
 
     @property
+    def of_file(self) -> CameraPrior | None:
+        """What the user says of the camera file."""
+        found = [prior for prior in self.options.priors if isinstance(prior, CameraPrior)]
+        return found[-1] if found else None
+
+    @property
     def inverted(self) -> bool:
         """Whether the robot poses are gripper_T_base."""
         return self.options.setup == "eye-to-hand"
@@ -155,7 +164,7 @@ class _Call:
         cameras, beliefs = list(given), [_fixed(camera) for camera in given]
         for k in notes:
             cameras[k], _ = nearest(self.model.cameras[k], given[k])
-            beliefs[k] = _prior(given[k], free=free)
+            beliefs[k] = _prior(given[k], free=free, given=self.of_file)
         final = refine(
             self.model,
             self.base_T_gripper,
@@ -285,13 +294,25 @@ def refine_views(
 
 
 def _with_intrinsics(call: _Call, given: Sequence[CameraModel] | None) -> View:
-    """Refine with the intrinsics kept or refined."""
+    """Refine with the intrinsics kept or refined.
+
+    Raises:
+        InputDataError: see ``refine_views``.
+    """
+    wish = call.options.graph.intrinsics
+    if call.of_file is not None:
+        if given is None or wish in ("fixed", "free"):
+            raise InputDataError(
+                "a prior of kind intrinsics says how right a camera file is, but the intrinsics are "
+                f"{'found without one' if given is None else wish}; give the file, and leave "
+                "--graph.intrinsics at auto or prior"
+            )
+        wish = "prior"
     if given is None:
         note = "No camera file was given: the intrinsics were found from the images."
         found = call.model.cameras
         notes = dict.fromkeys(range(len(found)), note)
         return call.refined(found, notes, free=True, from_file=False)
-    wish = call.options.graph.intrinsics
     if wish in ("prior", "free"):
         note = f"The camera file's intrinsics were refined ({wish})."
         notes = dict.fromkeys(range(len(given)), note)

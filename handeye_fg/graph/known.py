@@ -10,7 +10,7 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.determined import spread
 from handeye_fg.graph.rig import is_plain
 from handeye_fg.known import OfXAndScale, index_of
-from handeye_fg.options import AnyPrior, DistancePrior, PosePrior, Prior, ScalePrior
+from handeye_fg.options import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
 from handeye_fg.types import Rig, SfmModel
 
 
@@ -37,7 +37,9 @@ Known = Prior | PosePrior | KnownDistance | KnownSpread
 
 
 def of_model(priors: Sequence[AnyPrior], model: SfmModel, rig: Rig | None) -> tuple[Known, ...]:
-    """The priors, with images as robot poses and a world unit as the extent of the model's cameras.
+    """The priors but for those of intrinsics, in terms of the unknowns.
+
+    Images become robot poses, and a world unit the extent of the model's cameras.
 
     Args:
         priors: what users know.
@@ -49,10 +51,14 @@ def of_model(priors: Sequence[AnyPrior], model: SfmModel, rig: Rig | None) -> tu
             the world's unit is given for several cameras.
     """
     rig = rig or Rig.of_one_camera(len(model.names))
-    return tuple(_of_model(prior, model, rig) for prior in priors)
+    return tuple(
+        _of_model(prior, model, rig) for prior in priors if not isinstance(prior, CameraPrior)
+    )
 
 
-def _of_model(prior: AnyPrior, model: SfmModel, rig: Rig) -> Known:
+def _of_model(
+    prior: Prior | PosePrior | ScalePrior | DistancePrior, model: SfmModel, rig: Rig
+) -> Known:
     if isinstance(prior, DistancePrior):
         one, other = (index_of(name, prior, model.names) for name in prior.images)
         if rig.camera[one] != 0 or rig.camera[other] != 0:

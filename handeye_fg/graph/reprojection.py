@@ -88,7 +88,10 @@ def derivatives(
         if intrinsics and len(intrinsics[k]):
             into = embedding(state.cameras[k].model)[:, list(intrinsics[k])]
             block = by_intrinsics[:, :, column : column + len(intrinsics[k])]
-            block[rows] = lens.by_params(x[rows], y[rows]) @ into
+            by_params = lens.by_params(x[rows], y[rows])
+            # One product, not one for each observation.
+            product = by_params.reshape(-1, len(into)) @ into
+            block[rows] = product.reshape(*by_params.shape[:2], into.shape[1])
             column += len(intrinsics[k])
     by_ray[rays.behind] = 0.0
     by_intrinsics[rays.behind] = 0.0

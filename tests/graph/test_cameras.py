@@ -10,7 +10,7 @@ from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.graph import refine_views
 from handeye_fg.lens import refinable
-from handeye_fg.options import GraphOptions, Options
+from handeye_fg.options import CameraPrior, GraphOptions, Options
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
@@ -46,14 +46,14 @@ CAMERAS = [
 ]
 
 
-def view_of(scene, camera, intrinsics="auto"):
+def view_of(scene, camera, intrinsics="auto", options=None):
     linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
     return refine_views(
         scene.model,
         scene.robot_poses.base_T_gripper,
         None if camera is None else [camera],
         linear,
-        Options(graph=GraphOptions(intrinsics=intrinsics)),
+        options or Options(graph=GraphOptions(intrinsics=intrinsics)),
         "gripper",
         silent,
     )
@@ -159,3 +159,24 @@ def test_a_distortion_that_folds_the_image_is_refined_or_refused():
     assert "folds" in view.intrinsics[0].note
     assert view.intrinsics[0].camera.model == "FULL_OPENCV"
     assert nees(view, scene) < LIMIT
+
+
+def test_a_prior_on_the_intrinsics_says_how_right_the_file_is():
+    """Narrower than what the images say, it decides; it asks for a file that is refined."""
+    scene = scene_of(2)
+    wrong = replace(scene.camera, params=scene.camera.params * [1.01, 1.01, 1, 1, 1, 1, 1, 1])
+    focal = wrong.params[0]
+    views = {}
+    for percent in (1.0, 1e-4):
+        options = Options(priors=(CameraPrior(percent, 0.5),))
+        views[percent] = view_of(scene, wrong, options=options).intrinsics[0]
+    wide, narrow = views[1.0], views[1e-4]
+    assert wide.refined
+    assert "(prior)" in wide.note
+    assert abs(wide.camera.params[0] - scene.camera.params[0]) < 5 * wide.std[0]
+    assert narrow.camera.params[0] == pytest.approx(focal, rel=1e-5)
+    assert narrow.std[0] == pytest.approx(1e-6 * focal, rel=0.3)
+    for camera, wish in ((None, "auto"), (wrong, "fixed"), (wrong, "free")):
+        options = Options(priors=(CameraPrior(1.0, 5.0),), graph=GraphOptions(intrinsics=wish))
+        with pytest.raises(InputDataError, match="says how right a camera file is"):
+            view_of(scene, camera, options=options)
