@@ -18,7 +18,7 @@ from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
 
 # Raised whenever the settings in this package change, so that older models are not reused.
-RECIPE = 2
+RECIPE = 3
 DATABASE = "database.db"
 _INPUTS = "inputs.json"
 

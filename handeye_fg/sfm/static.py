@@ -18,9 +18,11 @@ from handeye_fg.turns import RobotTurns
 _TURN = np.deg2rad(10.0)
 _NEAR_PX = 1.5
 # Of 512, the length of a descriptor. Of two features that happen to lie at the same pixel three pairs in
-# a thousand are nearer, of the same thing seen twice four in five. That one feature in 400 is taken for
-# static by chance does no harm.
+# a thousand are nearer (more where a texture repeats), of the same thing seen twice four in five.
 _ALIKE = 250.0
+# Chance repeats a feature in one other image out of a hundred times, in three hardly ever. Where more than
+# this part is in three, the rest of what lies still is not found that often, but more likely than chance.
+_REPEATS, _PLENTY = 3, 0.1
 # Other images to compare with; more would take long in large sets and tell the same.
 _PARTNERS = 20
 
@@ -41,7 +43,7 @@ def drop_static(database: Path, turns: RobotTurns) -> float:
         descriptors = [db.read_descriptors(i) for i in ids]
         static = static_features(
             [np.asarray(place[:, :2], dtype=np.float64) for place in places],
-            [np.asarray(descriptor.data, dtype=np.float32) for descriptor in descriptors],
+            [descriptor.data for descriptor in descriptors],
             turns,
         )
         dropped = [int(which.sum()) for which in static]
@@ -57,7 +59,7 @@ def drop_static(database: Path, turns: RobotTurns) -> float:
 
 
 def static_features(
-    places: list[Array], descriptors: list[NDArray[np.float32]], turns: RobotTurns
+    places: list[Array], descriptors: list[NDArray[np.uint8]], turns: RobotTurns
 ) -> list[NDArray[np.bool_]]:
     """Which features of each image are at the same pixel in images between which the robot turned.
 
@@ -67,16 +69,19 @@ def static_features(
         turns: of the robot, image by image.
     """
     trees = [KDTree(place) for place in places]
-    found = []
+    repeats, needed = [], []
     for i, place in enumerate(places):
         turned = rotation_angle(np.swapaxes(turns.rotations[i : i + 1], 1, 2) @ turns.rotations)
         partners = np.argsort(-turned, kind="stable")[:_PARTNERS]
         partners = partners[turned[partners] > _TURN]
-        static = np.zeros(len(place), dtype=bool)
+        times = np.zeros(len(place), dtype=np.int64)
         for j in partners.tolist():
             distance, nearest = trees[j].query(place, distance_upper_bound=_NEAR_PX)
             near = np.flatnonzero(np.isfinite(distance))
-            apart = descriptors[i][near] - descriptors[j][nearest[near]]
-            static[near] |= np.linalg.norm(apart, axis=1) < _ALIKE
-        found.append(static)
-    return found
+            apart = descriptors[i][near].astype(np.float32) - descriptors[j][nearest[near]]
+            times[near] += np.linalg.norm(apart, axis=1) < _ALIKE
+        repeats.append(times)
+        needed.append(max(2, min(_REPEATS, len(partners))))
+    surely = sum(int(np.sum(times >= n)) for times, n in zip(repeats, needed, strict=True))
+    plenty = surely > _PLENTY * sum(map(len, repeats))
+    return [times >= (1 if plenty else n) for times, n in zip(repeats, needed, strict=True)]

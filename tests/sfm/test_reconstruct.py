@@ -105,7 +105,7 @@ def test_text_over_every_image_is_left_out(images: Path, tmp_path: Path) -> None
             image.save(tmp_path / name, quality=95)
     model = run(tmp_path, tmp_path / "sfm", turns=true_turns())
     assert model.names == NAMES
-    assert 0.05 < model.static_share < 0.5
+    assert 0.03 < model.static_share < 0.5
     # None of what is left lies on the text but where the scene shines through.
     x, y = model.tracks.pixels.T
     assert np.mean((x > 20) & (x < 400) & (y > 30) & (y < 170)) < 0.05
