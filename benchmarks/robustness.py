@@ -36,7 +36,7 @@ from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import project, simulate_scene
 from handeye_fg.solvers import linear_start
-from handeye_fg.types import SfmModel, Tracks
+from handeye_fg.types import Tracks
 
 NOISE = {"0.01 deg, 0.05 mm": (np.deg2rad(0.01), 5e-5), "0.1 deg, 1 mm": (np.deg2rad(0.1), 1e-3)}
 BAD_SIGMAS = 10.0
@@ -94,18 +94,17 @@ def without(model, rows):
     ]
     used, point_index = np.unique(tracks.point_index[kept], return_inverse=True)
     left = np.setdiff1d(np.arange(len(model.names)), rows)
-    return SfmModel(
+    return replace(
+        model,
         names=tuple(model.names[i] for i in left),
         world_T_camera=model.world_T_camera[left],
-        camera=model.camera,
+        image_camera=model.image_camera[left],
         tracks=Tracks(
             points_world=tracks.points_world[used],
             image_index=np.searchsorted(left, tracks.image_index[kept]),
             point_index=point_index,
             pixels=tracks.pixels[kept],
         ),
-        mean_reprojection_px=model.mean_reprojection_px,
-        unregistered=(),
     )
 
 

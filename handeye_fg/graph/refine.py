@@ -36,8 +36,10 @@ _TOLERANCE = 1e-7
 _LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
 _GOOD = 0.25  # part of a step's expected decrease that may be missing
 _MOST_RESTARTS = 2  # from a better optimum; a second one was never seen
-_MOST_ROUNDS = 4  # of leaving out mismatches
-_FEW = 0.02  # part of the observations; where no more go, no further round is worth its time
+_MOST_ROUNDS = 5  # of leaving out mismatches
+# Part of the observations: where no more go, the next round is the last one; where hardly any, this one
+# is, and what is left says of the errors of the images what all said.
+_FEW, _NEGLIGIBLE = 0.02, 1e-3
 _MOST_SETS = 5  # of robot poses that agree; a second one is rare
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
 
@@ -314,25 +316,28 @@ def _optimum(
     problem = build(kept, used)
     residuals = robot_residuals(kept.state, problem.base_T_gripper, inverted=problem.inverted)
     levels = _first_noise(kept, residuals[used], with_corners=problem.known is not None)
-    for _ in range(_MOST_ROUNDS):
+    last = False
+    for rounds_left in reversed(range(_MOST_ROUNDS)):
         fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise)
-        before = len(kept.tracks.pixels)
         # Mismatches that hid behind a wrong start, or behind others, show now.
-        kept = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
-        problem, levels, done = build(kept, used), solution.noise, fit.iterations
-        more = fit.converged and len(kept.tracks.pixels) < (1.0 - _FEW) * before
+        left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
+        gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
+        last = last or gone < _NEGLIGIBLE or not (fit.converged and rounds_left)
+        inflated = _inflation(kept, fit) if last else 1.0
+        levels = replace(solution.noise, image_inflation=inflated)
+        kept, problem, done = left, build(left, used), fit.iterations
         del fit, solution  # large, and the next ones take as much again
-        if not more:
+        if last:
             break
-    fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
-    levels = replace(fit.solution.noise, image_inflation=_inflation(kept, fit))
-    state, done = fit.state, fit.iterations
+        last = gone < _FEW
+    fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, done)
     for _ in range(_MOST_SETS):
-        fit = _fitted(problem, state, levels, noise, _TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise)
         if np.array_equal(used, problem.trusted):
             break
         problem, levels = replace(problem, trusted=used), solution.noise
-        state, done = fit.state, fit.iterations
+        fit = _fitted(
+            problem, fit.state, levels, noise, _TOLERANCE, limit, progress, fit.iterations
+        )
     return kept, problem, fit
