@@ -46,10 +46,9 @@ _GENERAL_PARAMS = 8
 # The denominator of the rational model stays as it is given: images do not tell it from the numerator.
 _KEPT = {"FULL_OPENCV": (9, 10, 11)}
 
-# Squared radius up to which atan(r) / r is summed as a series: the sum is right to 1e-17 there, and
-# the closed form of its derivative to 1e-13 beyond.
-_NEAR_AXIS = 1e-3
-_ATAN = np.array([1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11])
+# Least squared radius for ratios of a fisheye: in derivatives the slope there stands beside a factor of the
+# squared radius, so that its rounding vanishes.
+_AXIS = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -152,15 +151,14 @@ class Lens:
 
 def _atan_ratio(s: Array) -> Array:
     """atan(r) / r for squared radii."""
-    r = np.sqrt(np.maximum(s, _NEAR_AXIS))
-    return np.where(s < _NEAR_AXIS, np.polyval(_ATAN[::-1], s), np.arctan(r) / r)
+    r = np.sqrt(np.maximum(s, _AXIS))
+    return np.asarray(np.arctan(r) / r)
 
 
 def _atan_ratio_slope(s: Array) -> Array:
     """Its derivative by the squared radius."""
-    far = np.maximum(s, _NEAR_AXIS)
-    series = np.polyval(np.polyder(_ATAN[::-1]), s)
-    return np.where(s < _NEAR_AXIS, series, (1.0 / (1.0 + far) - _atan_ratio(far)) / (2.0 * far))
+    s = np.maximum(s, _AXIS)
+    return np.asarray((1.0 / (1.0 + s) - _atan_ratio(s)) / (2.0 * s))
 
 
 def _squared_angle(s: Array) -> Array:

@@ -31,10 +31,10 @@ def camera(model, params=None):
 
 
 def rays():
-    """Rays (m, 2) up to 45 degrees off the axis, on it, and next to it on both sides of the series."""
+    """Rays (m, 2) up to 45 degrees off the axis, on it, and next to it."""
     rng = np.random.default_rng(0)
     spread = rng.uniform(-0.7, 0.7, (200, 2))
-    radii = np.array([1e-12, 1e-6, 1e-3, 0.03, 0.0316, 0.0317, 0.04])
+    radii = np.array([1e-12, 1e-9, 1e-7, 9e-7, 1e-6, 2e-6, 1e-5, 1e-3, 0.03])
     return np.vstack([[[0.0, 0.0]], spread, np.outer(radii, [0.6, -0.8])])
 
 
