@@ -60,7 +60,7 @@ class Intrinsics:
         focal_offset: how focal length and the camera's position along its axis are tied; None where the
             motion does not determine the latter.
         other: X with the intrinsics free where they were kept, or at the given values where they were
-            refined; None where none were given.
+            refined; None where none were given, or those given fold the image over.
         contradiction: how the images contradict kept ones, in words, and the camera to be refined; None
             if they do not.
     """
@@ -182,13 +182,14 @@ class _Call:
         intrinsics = self._kept(final, given, beliefs)
         for k, note in notes.items():
             joint, camera = refined(final, beliefs[k], k), final.state.cameras[k]
+            usable = from_file and covers_image(given[k])
             intrinsics[k] = Intrinsics(
                 camera=camera,
                 refined=True,
                 std=np.sqrt(np.diag(final.intrinsics_covariances[k])),
                 note=note,
                 focal_offset=focal_offset(final, joint, beliefs[k].unknown, k),
-                other=other(final, joint, k, kept=False) if from_file else None,
+                other=other(final, joint, k, kept=False) if usable else None,
             )
         return View(refinement=final, intrinsics=tuple(intrinsics[k] for k in range(len(given))))
 

@@ -90,6 +90,8 @@ def test_a_wrong_camera_file_is_contradicted_and_refined():
     # The error shows as robot noise that is not there.
     assert kept.refinement.noise.robot_translation > 3 * scene.noise.robot_translation
     assert refined.intrinsics[0].refined
+    assert refined.intrinsics[0].other.kind == "fixed"
+    assert refined.intrinsics[0].other.shift_sigma > 5.0
     assert "contradict" in refined.intrinsics[0].note
     assert nees(refined, scene) < LIMIT
     error = refined.intrinsics[0].camera.params - scene.camera.params
@@ -158,6 +160,7 @@ def test_a_distortion_that_folds_the_image_is_refined_or_refused():
     assert view.intrinsics[0].refined
     assert "folds" in view.intrinsics[0].note
     assert view.intrinsics[0].camera.model == "FULL_OPENCV"
+    assert view.intrinsics[0].other is None  # there is no X with such a file
     assert nees(view, scene) < LIMIT
 
 
