@@ -107,9 +107,10 @@ def assemble(
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
             "degrees_of_freedom": final.degrees_of_freedom,
-            "pixel_degrees_of_freedom": final.redundancy[0],
-            "robot_rotation_degrees_of_freedom": final.redundancy[1],
-            "robot_translation_degrees_of_freedom": final.redundancy[2],
+            **{
+                f"{name}_degrees_of_freedom": level.degrees_of_freedom
+                for name, level in final.level_certainties.items()
+            },
             "iterations": float(final.iterations),
         },
         timing_s=timing_s,

@@ -283,6 +283,22 @@ class NoiseLevels:
         return self.pixel * math.sqrt(self.image_inflation)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelCertainty:
+    """How certain a noise level is.
+
+    Attributes:
+        degrees_of_freedom: effective; infinite where the user gave the level.
+        low, high: ends of its 95 % interval, as multiples of it.
+        source: what decided it: the data, a weak prior where they say next to nothing, or the user.
+    """
+
+    degrees_of_freedom: float
+    low: float
+    high: float
+    source: Literal["data", "prior", "user"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtherIntrinsics:
     """X as it is with the other choice of intrinsics: fixed at the given values, or free.

@@ -6,13 +6,14 @@ import numpy as np
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.graph.noise import Solution, degrees_of_freedom, solve
+from handeye_fg.graph.certainty import Certainty
+from handeye_fg.graph.levels import LevelSpread, certainty_of, level_spread
+from handeye_fg.graph.noise import Solution, solve
 from handeye_fg.graph.reduced import Layout, Linearised, predicted_covariance
 from handeye_fg.graph.rig import image_poses, is_plain, to_images
 from handeye_fg.graph.variables import LOG_SCALE, State
 from handeye_fg.observability import LIMITS, feigned_information, without_feigned
-
-_FEWEST = 3.0  # degrees of freedom; with two or fewer a t distribution has no covariance
+from handeye_fg.options import NoiseOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,33 +21,52 @@ class Determined:
     """The solution of the linearised problem with nothing held, and its statistics.
 
     Attributes:
-        solution: noise levels and covariance.
-        joints: covariance (k, 7, 7) of (X, ln metres_per_world_unit) for each camera.
-        degrees_of_freedom: of the covariances, which are those of a t distribution; infinite where
-            the noise levels are known.
-        inflation: what they have been multiplied with (``joints``), or are to be (``solution``).
+        linearised, solution: the problem, its noise levels and covariance.
+        spread: how certain the noise levels are.
+        derivatives: of (X, ln metres_per_world_unit) of each camera by the shared unknowns (k, 7, d).
+        certainties: of the same.
+        feigned: information (k, 7, 7) on the same that only noise feigns.
     """
 
+    linearised: Linearised
     solution: Solution
-    joints: Array
-    degrees_of_freedom: float
-    inflation: float
+    spread: LevelSpread
+    derivatives: Array
+    certainties: tuple[Certainty, ...]
+    feigned: Array
+
+    @property
+    def inflation(self) -> float:
+        """What covariances of white noise are multiplied with to be those of t distributions."""
+        return 1.0 + float(self.certainties[0].growths[0])
+
+    @property
+    def joints(self) -> Array:
+        """Covariance (k, 7, 7) of (X, ln metres_per_world_unit), less the feigned information."""
+        joints = []
+        for certainty, feigned in zip(self.certainties, self.feigned, strict=True):
+            scaled = certainty.covariance / np.outer(LIMITS, LIMITS)
+            variances, vectors = np.linalg.eigh(scaled)
+            smallest = np.finfo(float).eps * variances[-1]
+            joints.append(without_feigned(1.0 / np.maximum(variances, smallest), vectors, feigned))
+        return np.array(joints)
 
 
-def determined(state: State, linearised: Linearised, solution: Solution) -> Determined:
-    """The covariance of X and the scale, less the information that only noise feigns.
+def determined(
+    state: State, linearised: Linearised, solution: Solution, options: NoiseOptions
+) -> Determined:
+    """The certainty of X and the scale, and the information that only noise feigns.
 
     Args:
         state: where the problem was linearised.
         linearised: the problem.
         solution: gives the noise levels.
+        options: those that the user knows.
     """
     if linearised.held is not None:
         linearised = replace(linearised, held=None)
         solution = solve(linearised, solution.noise)
-    freedom = degrees_of_freedom(linearised, solution)
-    # With estimated noise levels the errors follow a t distribution; this is its covariance.
-    inflation = 1.0 if np.isinf(freedom) else max(freedom, _FEWEST) / (max(freedom, _FEWEST) - 2.0)
+    spread = level_spread(linearised, solution, options)
     robot = linearised.robot
     predicted = predicted_covariance(robot, solution.covariance)
     variance = np.diagonal(predicted, axis1=1, axis2=2)
@@ -54,25 +74,28 @@ def determined(state: State, linearised: Linearised, solution: Solution) -> Dete
     correction = np.einsum("nij,nj->ni", robot.jacobian, solution.step[robot.columns])
     variance = (variance + correction**2).mean(axis=0).reshape(2, 3).mean(axis=1)
     noise = solution.noise
-    joints = []
-    for k, gripper_T_camera in enumerate(state.gripper_T_cameras):
-        feigned = feigned_information(
+    derivatives = np.array(
+        [_x_and_scale(state, linearised.layout, k) for k in range(len(state.gripper_T_cameras))]
+    )
+    feigned = [
+        feigned_information(
             gripper_T_camera,
             len(predicted) - 1,
             np.sqrt(variance),
             np.array([noise.robot_rotation, noise.robot_translation]),
             _camera_from_grippers(state, k) if linearised.inverted else None,
         )
-        to_joint = _x_and_scale(state, linearised.layout, k)
-        joint = inflation * to_joint @ solution.covariance @ to_joint.T
-        variances, vectors = np.linalg.eigh(joint / np.outer(LIMITS, LIMITS))
-        smallest = np.finfo(float).eps * variances[-1]
-        joints.append(without_feigned(1.0 / np.maximum(variances, smallest), vectors, feigned))
+        for k, gripper_T_camera in enumerate(state.gripper_T_cameras)
+    ]
     return Determined(
+        linearised=linearised,
         solution=solution,
-        joints=np.array(joints),
-        degrees_of_freedom=freedom,
-        inflation=inflation,
+        spread=spread,
+        derivatives=derivatives,
+        certainties=tuple(
+            certainty_of(linearised, solution, spread, derivative, 6) for derivative in derivatives
+        ),
+        feigned=np.array(feigned),
     )
 
 

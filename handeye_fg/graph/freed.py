@@ -136,7 +136,7 @@ def freed(
     )
     linearised = problem.linearised(state)
     solution = estimate_noise(linearised, kept.noise, noise)
-    inflation = determined(state, linearised, solution).inflation
+    inflation = determined(state, linearised, solution, noise).inflation
     result = []
     for k, prior in enumerate(priors):
         own = problem.layout.columns(intrinsics_key(k))

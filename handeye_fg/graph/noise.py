@@ -20,7 +20,7 @@ from handeye_fg.types import NoiseLevels
 
 # A tenth of an observation of each robot sigma keeps it away from zero when there are few images or
 # the poses are exact: 0.02 degrees and 0.1 mm are usual for industrial arms.
-_PRIOR_WEIGHT = 0.1
+PRIOR_WEIGHT = 0.1
 _PRIOR_ROTATION = np.deg2rad(0.02)
 _PRIOR_TRANSLATION = 1e-4
 # No feature is located better than this (pixels); exact observations keep a finite weight.
@@ -54,7 +54,7 @@ class Solution:
     robot_covariance: Array
 
 
-def _known(options: NoiseOptions) -> tuple[float | None, float | None, float | None]:
+def known_levels(options: NoiseOptions) -> tuple[float | None, float | None, float | None]:
     """The user's sigmas in pixels, radians and metres; None where they are to be estimated."""
     rotation = options.robot_rotation_deg
     translation = options.robot_translation_mm
@@ -102,7 +102,7 @@ def _normal_equations(problem: Linearised, noise: NoiseLevels) -> tuple[Array, A
     hessian, gradient = scatter(problem.robot, _weights(noise), problem.layout.dim)
     unit = noise.image_sigma / problem.pixel_unit_px
     parts = [(problem.reprojections, unit), (problem.prior, 1.0)]
-    parts += [(problem.corners, _corner(noise))] if problem.corner_rows else []
+    parts += [(problem.corners, corner_sigma(noise))] if problem.corner_rows else []
     parts += [] if problem.held is None else [(problem.held, 1.0)]
     for part, sigma in parts:
         hessian += part.hessian / sigma**2
@@ -114,7 +114,7 @@ def cost(problem: Linearised, noise: NoiseLevels) -> float:
     """Cost of the linearised problem without a step, but with the unknown points at their best."""
     squares = float(np.sum(_weights(noise) * problem.robot.residual**2))
     squares += problem.reprojections.constant * (problem.pixel_unit_px / noise.image_sigma) ** 2
-    squares += problem.corners.constant / _corner(noise) ** 2 + problem.prior.constant
+    squares += problem.corners.constant / corner_sigma(noise) ** 2 + problem.prior.constant
     return 0.5 * (squares + (0.0 if problem.held is None else problem.held.constant))
 
 
@@ -137,7 +137,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     )
     corner_used = 0.0
     if problem.corner_rows:
-        corner_used = np.sum(corners.hessian * covariance) / _corner(noise) ** 2
+        corner_used = np.sum(corners.hessian * covariance) / corner_sigma(noise) ** 2
     rows = 3 * len(robot.residual)
 
     moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
@@ -163,7 +163,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     )
 
 
-def _corner(noise: NoiseLevels) -> float:
+def corner_sigma(noise: NoiseLevels) -> float:
     """The sigma of corners; any where there are none."""
     return 1.0 if noise.corner is None else noise.corner
 
@@ -181,12 +181,12 @@ def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
         for squares, redundancy, weight, prior in zip(
             solution.squares,
             solution.redundancy,
-            (0.0, _PRIOR_WEIGHT, _PRIOR_WEIGHT, 0.0),
+            (0.0, PRIOR_WEIGHT, PRIOR_WEIGHT, 0.0),
             (0.0, _PRIOR_ROTATION, _PRIOR_TRANSLATION, 0.0),
             strict=True,
         )
     )
-    known = _known(options)
+    known = known_levels(options)
     corner = max(corner, _FINEST_PIXEL) if known[0] is None else known[0]
     if solution.redundancy[0] == 0.0:  # nothing but corners was observed
         pixel = corner
@@ -200,13 +200,23 @@ def _updated(solution: Solution, options: NoiseOptions) -> NoiseLevels:
     )
 
 
+def prior_decides(solution: Solution, part: int) -> bool:
+    """Whether the weak prior, and not the data, made the robot's rotation (0) or translation (1) level.
+
+    So it is where the residuals have less than three times its weight, or sum up to less than it adds.
+    """
+    redundancy, squares = solution.redundancy[1 + part], solution.squares[1 + part]
+    prior = (_PRIOR_ROTATION, _PRIOR_TRANSLATION)[part]
+    return redundancy < 3.0 * PRIOR_WEIGHT or squares < PRIOR_WEIGHT * prior**2
+
+
 def relative_change(before: NoiseLevels, after: NoiseLevels) -> float:
     """Largest relative change of a level."""
     pairs = (
         (before.pixel, after.pixel),
         (before.robot_rotation, after.robot_rotation),
         (before.robot_translation, after.robot_translation),
-        (_corner(before), _corner(after)),
+        (corner_sigma(before), corner_sigma(after)),
     )
     return max(abs(float(np.log(a / b))) for a, b in pairs)
 
@@ -243,7 +253,9 @@ def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOption
 
 
 def _logarithms(levels: NoiseLevels) -> Array:
-    return np.log([levels.pixel, levels.robot_rotation, levels.robot_translation, _corner(levels)])
+    return np.log(
+        [levels.pixel, levels.robot_rotation, levels.robot_translation, corner_sigma(levels)]
+    )
 
 
 def _accelerated(
@@ -259,7 +271,7 @@ def _accelerated(
     weights, *_ = np.linalg.lstsq(np.diff(changes, axis=0).T, changes[-1])
     ahead = -weights @ np.diff(given, axis=0)
     pixel, rotation, translation, corner = np.exp(given[-1] + np.clip(ahead, -_FARTHEST, _FARTHEST))
-    known = _known(options)
+    known = known_levels(options)
     return replace(
         updated,
         pixel=float(pixel) if known[0] is None else updated.pixel,
@@ -267,35 +279,3 @@ def _accelerated(
         robot_translation=float(translation) if known[2] is None else updated.robot_translation,
         corner=updated.corner if updated.corner is None or known[0] else float(corner),
     )
-
-
-def degrees_of_freedom(problem: Linearised, solution: Solution) -> float:
-    """Effective degrees of freedom of X's covariance (Welch-Satterthwaite); infinite if known.
-
-    X's covariance is the sum of what each noise level contributes, ``Sigma H_g Sigma``. The less
-    data a level was found from, the less certain is its share.
-    """
-    if not solution.noise.estimated:
-        return float("inf")
-    noise, columns = solution.noise, problem.layout.x_columns()
-    to_x = solution.covariance[columns]
-
-    def contribution(hessian: Array, sigma: float) -> Array:
-        return np.asarray(to_x @ hessian @ to_x.T) / sigma**2
-
-    contributions = [
-        contribution(problem.reprojections.hessian, noise.image_sigma / problem.pixel_unit_px)
-    ]
-    for part, sigma in enumerate((noise.robot_rotation, noise.robot_translation)):
-        weights = np.repeat(np.eye(2)[part], 3)
-        contributions.append(
-            contribution(scatter(problem.robot, weights, problem.layout.dim)[0], sigma)
-        )
-    contributions.append(contribution(problem.corners.hessian, _corner(noise)))
-    x_information = _solved(solution.covariance[np.ix_(columns, columns)], np.zeros(6))[1]
-    shares = [float(np.sum(x_information * part)) / 6 for part in contributions]
-    uncertainty = sum(
-        share**2 / max(redundancy, 1.0)
-        for share, redundancy in zip(shares, solution.redundancy, strict=True)
-    )
-    return 1.0 / uncertainty

@@ -219,3 +219,19 @@ def predicted_covariance(rows: Rows, covariance: Array) -> Array:
             for jacobian, columns in zip(rows.jacobian, rows.columns, strict=True)
         ]
     )
+
+
+def predicted_together(rows: Rows, covariance: Array) -> Array:
+    """Covariance (6 n, 6 n) of all predictions of the rows, from that of the shared unknowns."""
+    dim, n = len(covariance), len(rows.columns)
+    half = np.concatenate(
+        [
+            jacobian @ covariance[columns]
+            for jacobian, columns in zip(rows.jacobian, rows.columns, strict=True)
+        ]
+        or [np.zeros((0, dim))]
+    )
+    result = np.empty((6 * n, 6 * n))
+    for i, (jacobian, columns) in enumerate(zip(rows.jacobian, rows.columns, strict=True)):
+        result[:, 6 * i : 6 * i + 6] = half[:, columns] @ jacobian.T
+    return result

@@ -128,7 +128,7 @@ def _fitted(
         bare = replace(linearised, held=None)
         solution = estimate_noise(bare, levels, noise)
         # The images tie the other cameras to the first, or the world that they share does.
-        free = free_basis(determined(state, bare, solution).joints[0, :6, :6])
+        free = free_basis(determined(state, bare, solution, noise).joints[0, :6, :6])
         problem = problem.holding(start.gripper_T_camera, free)
         linearised = replace(bare, held=problem.held_at(state))
         if linearised.held is not None:
@@ -279,6 +279,7 @@ def refine(
             fit.solution,
             robot_residuals(fit.state, base_T_gripper, inverted=inverted),
             problem.trusted,
+            noise,
             iterations=iterations,
             converged=fit.converged,
             frame=frame,

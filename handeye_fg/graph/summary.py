@@ -1,6 +1,7 @@
 """From the optimum to the figures that a result reports; none of them depends on the gauge."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,15 +9,25 @@ from scipy import special
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
+from handeye_fg.graph.arm import ArmErrors, arm_errors
 from handeye_fg.graph.deletion import deletions
 from handeye_fg.graph.determined import determined, spread
+from handeye_fg.graph.levels import level_certainties
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Layout, Linearised
 from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.rig import adjoint, image_poses
 from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
 from handeye_fg.observability import Observability, analyse, on_determined
-from handeye_fg.types import KnownPoints, NoiseLevels, SecondStart, SfmModel, Tracks
+from handeye_fg.options import NoiseOptions
+from handeye_fg.types import (
+    KnownPoints,
+    LevelCertainty,
+    NoiseLevels,
+    SecondStart,
+    SfmModel,
+    Tracks,
+)
 
 _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
 
@@ -30,6 +41,9 @@ class Refinement:
         tracks: the observations that were used; ``points_world`` as they were before.
         sigma_scale: their relative standard deviations (m,).
         observabilities: for each camera the covariance of X, and what is free.
+        interval_factors: for each camera (k, 7): half widths of the 95 % intervals of X's components and
+            ln scale, in standard deviations.
+        arm: whether the robot's noise is white, and what that makes of the covariances.
         first_T_cameras: each camera in the first (k, 4, 4), metres.
         first_T_camera_covariances: (k, 6, 6), of a right perturbation, on the determined subspace;
             zeros for the first.
@@ -42,7 +56,7 @@ class Refinement:
             camera; zeros where these are fixed.
         inflation: what the covariances were multiplied with, since they are those of t distributions.
         noise: levels found or given.
-        redundancy: degrees of freedom of the pixel, robot rotation, robot translation and corner sigmas.
+        level_certainties: of the noise levels, by their names in ``noise``.
         degrees_of_freedom: of the covariance of X, which is that of a t distribution; infinite
             where the noise levels are known.
         residuals: (r, 6) reported robot pose against the refined one, radians and metres.
@@ -62,6 +76,8 @@ class Refinement:
     tracks: Tracks
     sigma_scale: Array
     observabilities: tuple[Observability, ...]
+    interval_factors: Array
+    arm: ArmErrors
     first_T_cameras: Array
     first_T_camera_covariances: Array
     metres_per_world_unit: float
@@ -72,7 +88,7 @@ class Refinement:
     x_and_intrinsics: tuple[Array, ...]
     inflation: float
     noise: NoiseLevels
-    redundancy: tuple[float, float, float, float]
+    level_certainties: Mapping[str, LevelCertainty]
     degrees_of_freedom: float
     residuals: Array
     outliers: NDArray[np.bool_]
@@ -154,6 +170,7 @@ def summarise(
     solution: Solution,
     residuals: Array,
     trusted: NDArray[np.bool_],
+    options: NoiseOptions,
     *,
     iterations: int,
     converged: bool,
@@ -170,6 +187,7 @@ def summarise(
         solution: noise levels and covariance there.
         residuals: (r, 6) of all robot poses there.
         trusted: (r,) which robot poses were used.
+        options: the noise levels that the user knows.
         iterations: steps of the optimiser.
         converged: whether it converged.
         frame: parent frame of X.
@@ -179,13 +197,15 @@ def summarise(
     base_T_camera = state.base_T_world @ frames.scaled(poses, scale)
     metres_per_unit = scale * spread(poses) / spread(model.world_T_camera)
 
-    found = determined(state, linearised, solution)
+    white = determined(state, linearised, solution, options)
+    arm = arm_errors(white, state, trusted, scale * spread(poses))
+    found = replace(white, certainties=arm.certainties)
     without = deletions(linearised, solution, trusted)
     observabilities = tuple(
         analyse(joint, X, frame)
         for joint, X in zip(found.joints, state.gripper_T_cameras, strict=True)
     )
-    covariance = found.inflation * found.solution.covariance
+    covariance = white.inflation * white.solution.covariance
     first_T_cameras = frames.inverse(state.gripper_T_camera) @ state.gripper_T_cameras
     first_T_cameras[0] = np.eye(4)
     return Refinement(
@@ -193,6 +213,13 @@ def summarise(
         tracks=tracks,
         sigma_scale=sigma_scale,
         observabilities=observabilities,
+        interval_factors=np.array(
+            [
+                certainty.half_widths / np.sqrt(np.diag(certainty.covariance))
+                for certainty in found.certainties
+            ]
+        ),
+        arm=arm,
         first_T_cameras=first_T_cameras,
         first_T_camera_covariances=_relative_covariances(first_T_cameras, layout, covariance),
         metres_per_world_unit=metres_per_unit,
@@ -203,10 +230,10 @@ def summarise(
         x_and_intrinsics=tuple(
             _x_and_intrinsics(state, layout, covariance, k) for k in range(layout.n_cameras)
         ),
-        inflation=found.inflation,
+        inflation=white.inflation,
         noise=solution.noise,
-        redundancy=solution.redundancy,
-        degrees_of_freedom=found.degrees_of_freedom,
+        level_certainties=level_certainties(white.linearised, white.solution, white.spread),
+        degrees_of_freedom=found.certainties[0].freedom,
         residuals=residuals,
         outliers=~trusted,
         w_test=without.lengths.max(axis=1),

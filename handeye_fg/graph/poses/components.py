@@ -16,6 +16,7 @@ from scipy import optimize
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
+from handeye_fg.graph.certainty import Certainty, certainty, given
 from handeye_fg.graph.poses.chain import ChainRows, Factor, Normal, factorised
 
 # Weight of the first guess of each variance, in observations: it keeps a component that the data
@@ -27,8 +28,6 @@ _FLAT = 0.01
 _MAX_STEPS = 100
 _LONGEST_STEP = 5.0  # in the logarithms of the variances
 _HUGE = 1e12
-_SINGULAR = 1e-12  # relative: part of a covariance that is rounding
-_FEWEST = 3.0  # degrees of freedom from which a t distribution has a usable variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,19 +45,6 @@ class Estimate:
     covariance: Array
     step: Array
     deviance: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Certainty:
-    """How certain some unknowns are with estimated variances.
-
-    Attributes:
-        covariance: that of a t distribution.
-        freedom: its degrees of freedom; infinite where all variances are given.
-    """
-
-    covariance: Array
-    freedom: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,16 +97,10 @@ def estimate(rows: ChainRows, guess: Guess, start: Array, wanted: Sequence[int])
     )
 
 
-def certainty(rows: ChainRows, guess: Guess, variances: Array, wanted: Sequence[int]) -> Certainty:
+def certainty_of(
+    rows: ChainRows, guess: Guess, variances: Array, wanted: Sequence[int]
+) -> Certainty:
     """What estimated variances leave of the certainty of some unknowns.
-
-    With C_k the derivative of the covariance C in the logarithm of variance k, and S the covariance
-    of these logarithms, the mean Mahalanobis square grows by ``sum S_kl tr(C^-1 C_k C^-1 C_l)``. It
-    is that of a t distribution in the ``tr(C^-1 sum C_k)`` directions in which the variances matter
-    (for one direction: Satterthwaite's degrees of freedom). The covariance is moreover too small at
-    first, since it is a concave function of the variances, and by as much again, since the weights
-    are not the best ones (M. G. Kenward, J. H. Roger, "Small sample inference for fixed effects from
-    restricted maximum likelihood", Biometrics 53, 1997).
 
     Args:
         rows: the measurements.
@@ -132,24 +112,10 @@ def certainty(rows: ChainRows, guess: Guess, variances: Array, wanted: Sequence[
     logs = np.log(variances[~guess.given])
     covariance = likelihood.at(logs).covariance(wanted)
     if len(logs) == 0:
-        return Certainty(covariance=covariance, freedom=float("inf"))
+        return given(covariance, len(wanted))
     first, second = likelihood.derivatives(logs, wanted)
     spread = 2.0 * np.linalg.inv(likelihood.average_curvature(logs))
-    estimated = first.sum(axis=0)
-    std = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
-    whitener = vectors / np.sqrt(np.maximum(values, _SINGULAR)) / std[:, None]
-    relative = whitener.T @ first @ whitener
-    growth = np.einsum("kl,kij,lji", spread, relative, relative)
-    freedom = 2.0 * float(np.einsum("kii->", relative)) / max(float(growth), 1e-12)
-    lacking = np.einsum("kk,kij->ij", spread, first) - np.einsum("kl,klij->ij", spread, second)
-    return Certainty(
-        covariance=covariance
-        + lacking
-        + lacking.T
-        + 2.0 / (max(freedom, _FEWEST) - 2.0) * estimated,
-        freedom=freedom,
-    )
+    return certainty(covariance, first, second, spread, len(wanted))
 
 
 class _Likelihood:

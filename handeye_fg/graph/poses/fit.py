@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, log, scaled
+from handeye_fg.graph.certainty import Certainty
 from handeye_fg.graph.measurements import joined
 from handeye_fg.graph.optimise import optimise
-from handeye_fg.graph.poses.components import Certainty, Estimate, Guess, certainty, estimate
+from handeye_fg.graph.poses.components import Estimate, Guess, certainty_of, estimate
 from handeye_fg.graph.poses.measurements import (
     Columns,
     Component,
@@ -164,7 +165,7 @@ def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit
             return Fit(
                 state=_state(values, columns),
                 estimate=found,
-                certainty=certainty(linear, guess, found.variances, columns.wanted),
+                certainty=certainty_of(linear, guess, found.variances, columns.wanted),
                 model=model,
                 converged=converged,
             )
