@@ -1,6 +1,7 @@
 """From the stages' answers to the result that users get."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -9,7 +10,8 @@ import numpy as np
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.graph import Refinement, View, corner_fit
 from handeye_fg.inputs import Inputs
-from handeye_fg.io.camera_results import CameraReport
+from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
+from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.config import options_digest
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
@@ -74,7 +76,7 @@ def assemble(
         timing_s: seconds by stage.
     """
     final, model, first = view.refinement, scene.model, view.intrinsics[0]
-    return Result(
+    result = Result(
         status="partial" if any(one.free_directions for one in final.observabilities) else "ok",
         setup=options.setup,
         message=_message(scene, inputs, view, options.setup),
@@ -120,6 +122,23 @@ def assemble(
             "input_digest": inputs.digest,
             "seed": options.seed,
         },
+    )
+    return replace(result, certainty=_certainty(result, final))
+
+
+def _certainty(result: Result, final: Refinement) -> CertaintyReport:
+    """Intervals, and what they rest on."""
+    scale_is_free = any(direction.kind == "scale" for direction in result.free_directions)
+    free = [std is None for std in (*std_rotation_deg(result), *std_translation_mm(result))]
+    variances = np.append(
+        np.diag(final.observability.covariance), final.observability.log_scale_std**2
+    )
+    half_widths = final.interval_factors[0] * np.sqrt(np.maximum(variances, 0.0))
+    return CertaintyReport(
+        half_widths=np.where([*free, scale_is_free], np.nan, half_widths),
+        degrees_of_freedom=final.freedoms[0],
+        levels=final.level_certainties,
+        robot=final.arm.found,
     )
 
 
@@ -271,6 +290,14 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
     if final.second_start is not None:
         parts += _told(final.second_start)
+    guessed = [name for name, level in final.level_certainties.items() if level.source == "prior"]
+    if guessed:
+        parts.append(
+            f"The noise level of {' and '.join(guessed).replace('_', ' ')} is a guess for usual arms: the "
+            "images say next to nothing about it."
+        )
+    if not final.arm.found.white:
+        parts.append(final.arm.found.reason)
     for found in final.observabilities:  # of several cameras one sentence for what they share
         free = [direction.description for direction in found.free_directions]
         parts += [description for description in free if description not in parts]

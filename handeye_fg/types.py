@@ -284,6 +284,28 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RobotErrors:
+    """Whether the robot's errors are white noise, and what was done if not.
+
+    Attributes:
+        white: whether they may be.
+        probability: of residuals as structured as these if they are.
+        resampled_ratio: the largest ratio of a standard deviation of X that comes from leaving out blocks
+            of poses to that of the model; None where white.
+        hidden_rotation, hidden_translation: standard deviation, an axis, that was added for errors of the
+            arm that no residual shows, radians and metres; None where white.
+        reason: why the covariance is what it is, in words.
+    """
+
+    white: bool
+    probability: float
+    resampled_ratio: float | None
+    hidden_rotation: float | None
+    hidden_translation: float | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LevelCertainty:
     """How certain a noise level is.
 

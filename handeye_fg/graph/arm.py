@@ -11,6 +11,9 @@ from handeye_fg.graph.determined import Determined
 from handeye_fg.graph.systematic import Systematic, systematic
 from handeye_fg.graph.variables import State
 from handeye_fg.graph.whiteness import Whiteness, whiteness
+from handeye_fg.types import RobotErrors
+
+_TRACE = 2.0  # standard deviations above what independent noise leaves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,13 +22,11 @@ class ArmErrors:
 
     Attributes:
         certainties: of (X, ln scale) of each camera.
-        whiteness: the test of the robot's noise.
-        systematic: of the first camera, where the noise is not white; else None.
+        found: the test of the robot's noise, and what was done; figures of the first camera.
     """
 
     certainties: tuple[Certainty, ...]
-    whiteness: Whiteness
-    systematic: Systematic | None
+    found: RobotErrors
 
 
 def arm_errors(
@@ -45,7 +46,7 @@ def arm_errors(
     base_T_gripper = base_T_gripper[trusted]
     test = whiteness(base_T_gripper, white.linearised, white.solution)
     if not test.rejected:
-        return ArmErrors(certainties=white.certainties, whiteness=test, systematic=None)
+        return ArmErrors(certainties=white.certainties, found=_white(test))
     found = [
         systematic(
             base_T_gripper,
@@ -61,5 +62,48 @@ def arm_errors(
         )
     ]
     return ArmErrors(
-        certainties=tuple(one.certainty for one in found), whiteness=test, systematic=found[0]
+        certainties=tuple(one.certainty for one in found), found=_not_white(test, found[0])
+    )
+
+
+def _white(test: Whiteness) -> RobotErrors:
+    return RobotErrors(
+        white=True,
+        probability=test.probability,
+        resampled_ratio=None,
+        hidden_rotation=None,
+        hidden_translation=None,
+        reason=(
+            f"The robot's errors may be independent noise (p = {test.probability:.2g}): the covariance is "
+            "that of the model."
+        ),
+    )
+
+
+def _not_white(test: Whiteness, found: Systematic) -> RobotErrors:
+    traces = []
+    if test.coupled >= test.alike or test.coupled > _TRACE:
+        traces.append("the rotation and the position error of a pose belong together")
+    if test.alike > test.coupled or test.alike > _TRACE:
+        traces.append("neighbouring poses have similar errors")
+    ratio = found.resampled_ratio
+    blocks = (
+        f"Leaving out blocks of poses moves X up to {ratio:.2g} times as much as such noise would, and the "
+        "larger covariance is given"
+        if ratio > 1.0
+        else "Leaving out blocks of poses moves X no more than such noise would"
+    )
+    return RobotErrors(
+        white=False,
+        probability=test.probability,
+        resampled_ratio=ratio,
+        hidden_rotation=found.hidden_rotation,
+        hidden_translation=found.hidden_translation,
+        reason=(
+            f"The robot's errors are not independent noise (p = {test.probability:.2g}): "
+            f"{' and '.join(traces)}, as with an arm whose links are not as its controller believes. "
+            f"{blocks}. For errors of the last link, which move all poses alike and show in no residual, "
+            f"{np.rad2deg(found.hidden_rotation):.2g} deg and {1e3 * found.hidden_translation:.2g} mm an "
+            "axis were added."
+        ),
     )

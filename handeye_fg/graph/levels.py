@@ -162,11 +162,11 @@ def level_certainties(
         known = not spread.estimated[k]
         chi_squares = special.chdtri(min(freedom, _MANY), [0.5 * _OUTSIDE, 1.0 - 0.5 * _OUTSIDE])
         low, high = (1.0, 1.0) if known else np.sqrt(min(freedom, _MANY) / chi_squares)
-        by_data = "prior" if k in (1, 2) and prior_decides(solution, int(k) - 1) else "data"
+        of_prior = k in (1, 2) and prior_decides(solution, int(k) - 1)
         result[names[k]] = LevelCertainty(
             degrees_of_freedom=freedom,
             low=float(low),
             high=float(high),
-            source="user" if known else by_data,
+            source="user" if known else "prior" if of_prior else "data",
         )
     return result

@@ -43,6 +43,7 @@ class Refinement:
         observabilities: for each camera the covariance of X, and what is free.
         interval_factors: for each camera (k, 7): half widths of the 95 % intervals of X's components and
             ln scale, in standard deviations.
+        freedoms: for each camera (k, 7): degrees of freedom of these intervals.
         arm: whether the robot's noise is white, and what that makes of the covariances.
         first_T_cameras: each camera in the first (k, 4, 4), metres.
         first_T_camera_covariances: (k, 6, 6), of a right perturbation, on the determined subspace;
@@ -77,6 +78,7 @@ class Refinement:
     sigma_scale: Array
     observabilities: tuple[Observability, ...]
     interval_factors: Array
+    freedoms: Array
     arm: ArmErrors
     first_T_cameras: Array
     first_T_camera_covariances: Array
@@ -219,6 +221,7 @@ def summarise(
                 for certainty in found.certainties
             ]
         ),
+        freedoms=np.array([certainty.freedoms for certainty in found.certainties]),
         arm=arm,
         first_T_cameras=first_T_cameras,
         first_T_camera_covariances=_relative_covariances(first_T_cameras, layout, covariance),

@@ -7,6 +7,7 @@ from typing import Any, Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.camera_results import CameraReport
+from handeye_fg.io.certainty import read_certainty
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.other_intrinsics import read_offset, read_other
@@ -90,6 +91,7 @@ def from_document(document: object, where: str = "result document") -> Result:
     calibration.text("parent", (parent_frame(setup),))
     cameras = fields.mappings("cameras") if "cameras" in fields.values else ()
     std = scale.optional_number("std")
+    noise = _noise(fields.optional_mapping("noise"))
     try:
         result = Result(
             status=cast("Status", status),
@@ -101,13 +103,16 @@ def from_document(document: object, where: str = "result document") -> Result:
             metres_per_world_unit=scale.number("value"),
             metres_per_world_unit_std=math.nan if std is None else std,
             base_T_world=fields.optional_array("base_T_world", (4, 4)),
-            noise=_noise(fields.optional_mapping("noise")),
+            noise=noise,
             initial=_start(fields.mapping("initial")),
             images=tuple(_image(image) for image in fields.mappings("images")),
             **_intrinsics(fields.optional_mapping("intrinsics")),
             sfm=_sfm(fields.optional_mapping("sfm")),
             cameras=tuple(_camera(camera, setup) for camera in cameras),
             target=_target(fields.mapping("target")) if "target" in fields.values else None,
+            certainty=read_certainty(fields.mapping("certainty"), noise)
+            if noise is not None and "certainty" in fields.values
+            else None,
             second_start=_second_start(fields.mapping("second_start"))
             if "second_start" in fields.values
             else None,

@@ -23,6 +23,7 @@ from handeye_fg.io.camera_results import (
     intrinsics_document,
     nested,
 )
+from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
 from handeye_fg.types import (
@@ -170,6 +171,7 @@ class Result:
         target: what a known target gave; None without target.
         second_start: whether another start of the refinement leads to the same optimum; None where
             there was no refinement.
+        certainty: intervals of X, scale and noise levels; None where there was no refinement.
         cameras: one entry for each of several cameras, the first of which has the figures above; empty
             for one camera.
     """
@@ -198,6 +200,7 @@ class Result:
     sfm: SfmSummary | None = None
     target: TargetSummary | None = None
     second_start: SecondStart | None = None
+    certainty: CertaintyReport | None = None
     cameras: tuple[CameraReport, ...] = ()
 
     def __post_init__(self) -> None:
@@ -217,6 +220,8 @@ class Result:
                 check_finite(self.noise, name)
         for name in ("metres_per_world_unit", "residual_rotation", "residual_translation"):
             check_finite(self.initial, name)
+        if self.certainty is not None and self.noise is None:
+            raise ValueError("certainty must come with noise")
         if self.second_start is not None:
             for name in ("rotation", "translation"):
                 check_finite(self.second_start, name)
@@ -279,6 +284,7 @@ def to_document(result: Result) -> Document:
         **({"cameras": cameras_document(result.cameras, parent)} if result.cameras else {}),
         **({} if result.target is None else {"target": _target_document(result.target)}),
         **_second_start_document(result.second_start),
+        **_certainty(result),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),
@@ -316,6 +322,12 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
         "estimated": bool(noise.estimated),
         "image_inflation": float(noise.image_inflation),
     }
+
+
+def _certainty(result: Result) -> Document:
+    if result.certainty is None or result.noise is None:
+        return {}
+    return {"certainty": certainty_document(result.certainty, result.noise)}
 
 
 def _target_document(target: TargetSummary) -> Document:

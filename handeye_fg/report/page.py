@@ -26,9 +26,11 @@ from handeye_fg.io.results import (
 )
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
+from handeye_fg.types import LevelCertainty
 
 REPORT_NAME = "report.html"
-# Two-sided 95 % point of the normal distribution.
+# Two-sided 95 % point of the normal distribution.from handeye_fg.types import LevelCertainty
+
 _NORMAL_95 = 1.959964
 
 
@@ -64,6 +66,7 @@ def render(result: Result) -> str:
 def _context(result: Result) -> dict[str, object]:
     """What the template shows, as text."""
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
+    half_rotation, half_translation = _half_widths(result, std_rotation, std_translation)
     matrix = result.matrix
     return {
         "ok": result.status == "ok",
@@ -84,10 +87,12 @@ def _context(result: Result) -> dict[str, object]:
         ],
         "std_rotation": wording.numbers(std_rotation, 4),
         "std_translation": wording.numbers(std_translation, 3),
-        "interval_rotation": _interval(std_rotation, 4),
-        "interval_translation": _interval(std_translation, 3),
-        "worst_rotation": _largest(std_rotation, 4, "deg"),
-        "worst_translation": _largest(std_translation, 3, "mm"),
+        "interval_rotation": _interval(half_rotation, 4),
+        "interval_translation": _interval(half_translation, 3),
+        "intervals": wording.intervals_text(result.certainty),
+        "robot_errors": None if result.certainty is None else result.certainty.robot.reason,
+        "worst_rotation": _largest(std_rotation, half_rotation, 4, "deg"),
+        "worst_translation": _largest(std_translation, half_translation, 3, "mm"),
         "matrix": [wording.numbers(row, 7) for row in matrix],
         "matrix_text": _python_text(matrix),
         "translation": wording.numbers(matrix[:3, 3], 6),
@@ -113,21 +118,43 @@ def _context(result: Result) -> dict[str, object]:
     }
 
 
-def _interval(sigmas: tuple[float | None, ...], digits: int) -> tuple[str, ...]:
-    """Half widths of the 95 % intervals."""
+def _half_widths(
+    result: Result,
+    std_rotation: tuple[float | None, ...],
+    std_translation: tuple[float | None, ...],
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """Half widths of the 95 % intervals: degrees and millimetres."""
+    if result.certainty is None:
+        normal = [
+            tuple(None if std is None else _NORMAL_95 * std for std in stds)
+            for stds in (std_rotation, std_translation)
+        ]
+        return normal[0], normal[1]
+    half = result.certainty.half_widths
+    rotation = tuple(float(v) if math.isfinite(v) else None for v in np.rad2deg(half[:3]))
+    return rotation, tuple(float(v) if math.isfinite(v) else None for v in 1e3 * half[3:6])
+
+
+def _interval(half_widths: tuple[float | None, ...], digits: int) -> tuple[str, ...]:
     return tuple(
-        wording.MISSING if sigma is None else f"± {wording.number(_NORMAL_95 * sigma, digits)}"
-        for sigma in sigmas
+        wording.MISSING if half is None else f"± {wording.number(half, digits)}"
+        for half in half_widths
     )
 
 
-def _largest(sigmas: tuple[float | None, ...], digits: int, unit: str) -> str | None:
-    """The largest standard deviation of the determined components; None without any."""
+def _largest(
+    sigmas: tuple[float | None, ...],
+    half_widths: tuple[float | None, ...],
+    digits: int,
+    unit: str,
+) -> str | None:
+    """The largest standard deviation and interval of the determined components; None without any."""
     known = [sigma for sigma in sigmas if sigma is not None]
-    if not known:
+    half = [width for width in half_widths if width is not None]
+    if not known or not half:
         return None
     std = wording.number(max(known), digits)
-    return f"{std} {unit} (95 %: ± {wording.number(_NORMAL_95 * max(known), digits)} {unit})"
+    return f"{std} {unit} (95 %: ± {wording.number(max(half), digits)} {unit})"
 
 
 def _python_text(matrix: Array) -> str:
@@ -145,23 +172,35 @@ def _noise(result: Result) -> dict[str, object] | None:
     noise = result.noise
     if noise is None:
         return None
-    robot_rotation_deg = math.degrees(noise.robot_rotation)
-    robot_translation_mm = 1000.0 * noise.robot_translation
+    levels = {} if result.certainty is None else result.certainty.levels
     rows = [
-        ("image observation", noise.pixel, "px"),
-        ("reported robot orientation", robot_rotation_deg, "deg"),
-        ("reported robot position", robot_translation_mm, "mm"),
+        ("image observation", "pixel", 1.0, "px"),
+        ("corner of the target", "corner", 1.0, "px"),
+        ("reported robot orientation", "robot_rotation", math.degrees(1.0), "deg"),
+        ("reported robot position", "robot_translation", 1000.0, "mm"),
     ]
     return {
         "estimated": noise.estimated,
         "inflation": wording.significant(noise.image_inflation),
         "alike": noise.image_inflation > 1.0,
         "rows": [
-            (what, wording.significant(sigma), unit)
-            for what, sigma, unit in rows
-            if math.isfinite(sigma)
+            (what, wording.significant(unit * sigma), name, *_level(levels.get(key), unit * sigma))
+            for what, key, unit, name in rows
+            if (sigma := getattr(noise, key)) is not None and math.isfinite(sigma)
         ],
     }
+
+
+def _level(level: LevelCertainty | None, sigma: float) -> tuple[str, str]:
+    """The 95 % interval of a noise level, and what it rests on."""
+    if level is None:
+        return "", ""
+    if level.source == "user":
+        return "", "given"
+    ends = f"{wording.significant(level.low * sigma)} to {wording.significant(level.high * sigma)}"
+    if level.source == "prior":
+        return ends, "the data say next to nothing: a prior for usual arms decided"
+    return ends, f"{wording.significant(level.degrees_of_freedom, 2)} degrees of freedom"
 
 
 def _intrinsics(result: Result) -> dict[str, object] | None:

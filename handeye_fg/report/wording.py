@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from handeye_fg.frames import Array
+from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.results import Result, TargetSummary, parent_frame
 
 MISSING = "—"
@@ -70,6 +71,21 @@ def target_text(target: TargetSummary) -> str:
     return (
         f"{target.kind} in {target.n_images} images, {target.n_corners} corners, "
         f"{target.rms_px:.3f} px rms. {target.note}"
+    )
+
+
+def intervals_text(certainty: CertaintyReport | None) -> str:
+    """What the intervals of X are."""
+    if certainty is None:
+        return "The intervals are 1.96 standard deviations: normal errors, each axis by itself."
+    freedom = float(certainty.degrees_of_freedom[:6].min())
+    if math.isinf(freedom):
+        return (
+            "The intervals are those of normal errors with known noise levels, each axis by itself."
+        )
+    return (
+        "The intervals are those of Student's t, since the noise levels are estimates, with "
+        f"{significant(freedom, 2)} degrees of freedom or more, each axis by itself."
     )
 
 

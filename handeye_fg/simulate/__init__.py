@@ -2,9 +2,11 @@
 
 ``scenes``: robots, cameras and what a calibration gets of them, under additive noise. ``series``: the
 random motions of Andreff, Horaud and Espiau's simulations, under proportional noise. ``published``:
-the methods that they compared, as their papers state them. ``rig``: several cameras on one arm.
+the methods that they compared, as their papers state them. ``rig``: several cameras on one arm. ``arms``: an arm whose links are
+not as its controller believes.
 """
 
+from handeye_fg.simulate.arms import LinkErrors, simulate_arm_scene
 from handeye_fg.simulate.rig import RigScene, simulate_rig
 from handeye_fg.simulate.scenes import (
     ROBOT_ROTATION_SIGMA,
@@ -22,6 +24,7 @@ from handeye_fg.simulate.scenes import (
 __all__ = [
     "ROBOT_ROTATION_SIGMA",
     "ROBOT_TRANSLATION_SIGMA",
+    "LinkErrors",
     "Motion",
     "RigScene",
     "Scene",
@@ -29,6 +32,7 @@ __all__ = [
     "default_camera",
     "disturbed",
     "project",
+    "simulate_arm_scene",
     "simulate_poses",
     "simulate_rig",
     "simulate_scene",

@@ -114,7 +114,7 @@ def certainty_of(
     if len(logs) == 0:
         return given(covariance, len(wanted))
     first, second = likelihood.derivatives(logs, wanted)
-    spread = 2.0 * np.linalg.inv(likelihood.average_curvature(logs))
+    spread = np.asarray(2.0 * np.linalg.inv(likelihood.average_curvature(logs)), dtype=np.float64)
     return certainty(covariance, first, second, spread, len(wanted))
 
 
