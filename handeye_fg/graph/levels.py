@@ -134,7 +134,9 @@ def _weighted(problem: Linearised, solution: Solution, columns: Array) -> Array:
     """``Q_k`` of the four kinds times some columns (d, c): (4, d, c)."""
     noise, robot = solution.noise, problem.robot
     result = np.zeros((4, *columns.shape))
-    result[0] = problem.reprojections.hessian @ columns / (noise.image_sigma / problem.pixel_unit_px) ** 2
+    result[0] = (
+        problem.reprojections.hessian @ columns / (noise.image_sigma / problem.pixel_unit_px) ** 2
+    )
     result[3] = problem.corners.hessian @ columns / corner_sigma(noise) ** 2
     predicted = robot.jacobian @ columns[robot.columns]
     for k, sigma in ((1, noise.robot_rotation), (2, noise.robot_translation)):
