@@ -200,7 +200,7 @@ def _level(level: LevelCertainty | None, sigma: float) -> tuple[str, str]:
     ends = f"{wording.significant(level.low * sigma)} to {wording.significant(level.high * sigma)}"
     if level.source == "prior":
         return ends, "the data say next to nothing: a prior for usual arms decided"
-    return ends, f"{wording.significant(level.degrees_of_freedom, 2)} degrees of freedom"
+    return ends, f"{wording.significant(level.degrees_of_freedom, 3)} degrees of freedom"
 
 
 def _intrinsics(result: Result) -> dict[str, object] | None:

@@ -7,13 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handeye_fg import frames
+from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.results import ImageReport, Result, SfmSummary
 from handeye_fg.types import (
     CameraModel,
     FocalOffset,
+    LevelCertainty,
     LinearStart,
     NoiseLevels,
     OtherIntrinsics,
+    RobotErrors,
 )
 
 
@@ -107,6 +110,29 @@ def make_result(**changes: Any) -> Result:
             n_points=4210,
             n_observations=23118,
             mean_reprojection_px=0.412,
+        ),
+        "certainty": CertaintyReport(
+            half_widths=np.array([1.1e-3, 1.2e-3, 0.5e-3, 7e-4, 6e-4, 9e-4, 1e-3]),
+            degrees_of_freedom=np.array([12.0, 12.5, 13.0, 14.0, 15.0, 16.0, np.inf]),
+            levels={
+                "pixel": LevelCertainty(
+                    degrees_of_freedom=900.0, low=0.95, high=1.05, source="data"
+                ),
+                "robot_rotation": LevelCertainty(
+                    degrees_of_freedom=0.7, low=0.4, high=7.0, source="prior"
+                ),
+                "robot_translation": LevelCertainty(
+                    degrees_of_freedom=np.inf, low=1.0, high=1.0, source="user"
+                ),
+            },
+            robot=RobotErrors(
+                white=False,
+                probability=0.002,
+                resampled_ratio=1.4,
+                hidden_rotation=5e-4,
+                hidden_translation=3e-4,
+                reason="The robot's errors are not independent noise (p = 0.002).",
+            ),
         ),
         "observability": {"smallest_singular_value": 0.123, "axis_diversity": 0.71},
         "timing_s": {"sfm": 41.2, "start": 0.1, "refinement": 6.4},

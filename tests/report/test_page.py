@@ -2,6 +2,7 @@ import dataclasses
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -124,8 +125,8 @@ def test_page_says_what_a_person_needs(result: Result) -> None:
         "Put a point given in camera coordinates into gripper coordinates: p_gripper =",
         "p_gripper = gripper_T_camera p_camera.",
         "right perturbation in the camera frame",
-        "0.0286 deg (95 %: ± 0.0561 deg)",
-        "0.410 mm (95 %: ± 0.804 mm)",
+        "0.0286 deg (95 %: ± 0.0688 deg)",
+        "0.410 mm (95 %: ± 0.900 mm)",
         "0.2345679 ± 0.00012 metres per world unit",
         "Noise found in the data",
         "Refined near the values of the file",
@@ -271,3 +272,15 @@ def test_the_other_choice_of_intrinsics_is_told(result: Result, tmp_path: Path) 
         "utf-8"
     )
     assert "With free intrinsics, X would be" in text
+
+
+def test_what_the_intervals_rest_on_is_told(result: Result) -> None:
+    page = render(result)
+    assert "Student&#39;s t" in page
+    assert "12 degrees of freedom or more" in page
+    assert "errors are not independent noise (p = 0.002)" in page
+    assert "the data say next to nothing: a prior for usual arms decided" in page
+    assert "900 degrees of freedom" in page
+    assert "± 0.0630" in page  # 1.1e-3 rad
+    without = render(replace(result, certainty=None))
+    assert "1.96 standard deviations" in without
