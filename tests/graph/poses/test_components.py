@@ -7,7 +7,7 @@ from scipy import optimize, sparse
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.graph.poses import components
 from handeye_fg.graph.poses.chain import ChainRows
-from handeye_fg.graph.poses.components import Guess, certainty, estimate
+from handeye_fg.graph.poses.components import Guess, certainty_of, estimate
 
 BLOCK, SHARED = 3, 4
 
@@ -137,7 +137,7 @@ def test_one_component_is_the_usual_variance_with_its_degrees_of_freedom():
     rest = np.linalg.lstsq(rows.jacobian.toarray(), -rows.residual)[1][0]
     # Slope 0.01 of a curvature m - p = 50.
     assert found.variances[0] == pytest.approx(rest / (m - p), rel=3e-4)
-    sure = certainty(rows, guess(1.0), found.variances, wanted)
+    sure = certainty_of(rows, guess(1.0), found.variances, wanted)
     assert sure.freedom == pytest.approx(m - p, rel=3e-4)
     # One factor of all weights changes no weighting: the t distribution's variance is all.
     f = sure.freedom
@@ -147,7 +147,7 @@ def test_one_component_is_the_usual_variance_with_its_degrees_of_freedom():
 def test_degrees_of_freedom_and_covariance_are_those_of_kenward_and_roger():
     rows = problem(5, n_blocks=3)
     variances, wanted = np.array([1.2, 3.0, 0.3]), list(range(9, 13))
-    sure = certainty(rows, guess(1.0, 4.0, 0.25), variances, wanted)
+    sure = certainty_of(rows, guess(1.0, 4.0, 0.25), variances, wanted)
     # The same from dense matrices and finite differences in the variances themselves.
     _, P, _ = dense(rows, variances)
     parts = [np.where(rows.component == k, variances[k], 0.0) for k in range(3)]
@@ -203,7 +203,7 @@ def test_few_rows_give_honest_t_intervals():
             log_variance=0.0,
         )
         found = estimate(rows, guess(3.0, 3.0), np.array([3.0, 3.0]), [1])
-        sure = certainty(rows, guess(3.0, 3.0), found.variances, [1])
+        sure = certainty_of(rows, guess(3.0, 3.0), found.variances, [1])
         squares.append(found.step[1] ** 2 / sure.covariance[0, 0])
         naive.append(found.step[1] ** 2 / found.covariance[0, 0])
     assert np.mean(naive) > 1.3
@@ -217,7 +217,7 @@ def test_given_variances_stay():
     assert found.variances[1] == pytest.approx(7.0, rel=1e-12)
     assert np.abs(np.log(found.variances[[0, 2]])).min() > 1e-3
     everything = guess(1.0, 7.0, 1.0, given=True)
-    sure = certainty(rows, everything, everything.variances, [0, 1])
+    sure = certainty_of(rows, everything, everything.variances, [0, 1])
     assert sure.freedom == np.inf
     np.testing.assert_allclose(
         sure.covariance, dense(rows, everything.variances)[0][:2, :2], rtol=1e-8
