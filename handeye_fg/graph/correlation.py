@@ -20,10 +20,9 @@ import numpy as np
 from scipy import special
 
 from handeye_fg.frames import Array
-from handeye_fg.graph.elimination import Batch, batches, projected
-from handeye_fg.graph.mismatches import Kept
+from handeye_fg.graph.elimination import by_regions
 from handeye_fg.graph.noise import Solution
-from handeye_fg.graph.reduced import Linearised
+from handeye_fg.graph.problem import Problem
 from handeye_fg.graph.rig import is_plain, to_images
 from handeye_fg.graph.variables import State
 from handeye_fg.types import Indices
@@ -54,25 +53,23 @@ class _Regions:
     information: Array
 
 
-def inflation(
-    kept: Kept, state: State, linearised: Linearised, solution: Solution, columns: Indices
-) -> float:
+def inflation(problem: Problem, state: State, solution: Solution, columns: Indices) -> float:
     """How much larger variances from the images are than those of independent errors, at least 1.
 
     Args:
-        kept: the observations.
-        state: where the problem was linearised.
-        linearised: the problem.
-        solution: its solution.
+        problem: the problem, with its observations.
+        state: where it was linearised.
+        solution: its solution there.
         columns: of the unknowns of interest.
 
     Returns:
         The mean factor along these unknowns; 1 where the scene has too few points to say.
     """
-    regions = _regions(state.points_world[linearised.layout.n_known :])
+    points = state.points_world[problem.layout.n_known :]
+    regions = _regions(points)
     if len(regions) < _FEWEST_REGIONS:
         return 1.0
-    return _factor(_found(kept, state, linearised, solution, regions, columns), solution.covariance)
+    return _factor(_found(problem, state, solution, regions, columns), solution.covariance)
 
 
 def _regions(points: Array) -> list[Indices]:
@@ -92,53 +89,30 @@ def _halves(points: Array, region: Indices) -> tuple[Indices, Indices]:
 
 
 def _found(
-    kept: Kept,
-    state: State,
-    linearised: Linearised,
-    solution: Solution,
-    regions: Sequence[Indices],
-    columns: Indices,
+    problem: Problem, state: State, solution: Solution, regions: Sequence[Indices], columns: Indices
 ) -> _Regions:
     """What the regions say, with the solution's weights."""
-    layout, plain = linearised.layout, is_plain(state.rig)
+    layout = problem.layout
+    region = np.zeros(len(state.points_world), dtype=np.int64)
+    for index, points in enumerate(regions):
+        region[layout.n_known + points] = index
     to_interest = solution.covariance[:, columns]
-    to = None if plain else to_images(state, layout)
-    directions = to_interest if to is None else to @ to_interest
     images = replace(layout, n_poses=len(state.rig.pose))
-    seen, moved = [], []
-    for region in regions:
-        parts, theirs = _part(kept, state, solution.noise.image_sigma, region + layout.n_known)
-        product, gradient = projected(parts, theirs, images, directions)
-        if to is not None:
-            product, gradient = to.T @ product, to.T @ gradient
-        seen.append(product)
-        # The rest of the gradient after the solution's step.
-        moved.append(to_interest.T @ gradient - product.T @ solution.step)
+    if is_plain(state.rig):
+        seen, gradients = by_regions(problem.scene, state, images, to_interest, region)
+    else:
+        to = to_images(state, layout)
+        seen, gradients = by_regions(problem.scene, state, images, to @ to_interest, region)
+        seen, gradients = np.array([to.T @ part for part in seen]), gradients @ to
+    unit = solution.noise.image_sigma / problem.pixel_unit_px
+    seen, gradients = seen / unit**2, gradients / unit**2
     return _Regions(
         weight=_weights(state.points_world[layout.n_known :], regions),
-        moved=np.array(moved),
-        seen=np.array(seen),
-        information=to_interest.T @ np.array(seen),
+        # The rest of the gradient after the solution's step.
+        moved=gradients @ to_interest - np.swapaxes(seen, 1, 2) @ solution.step,
+        seen=seen,
+        information=to_interest.T @ seen,
     )
-
-
-def _part(
-    kept: Kept, state: State, sigma: float, points: Indices
-) -> tuple[tuple[Batch, ...], State]:
-    """The observations of some points, whose standard deviation is ``sigma`` pixels, and their state."""
-    tracks = kept.tracks
-    index = np.full(len(tracks.points_world), -1)
-    index[points] = np.arange(len(points))
-    rows = index[tracks.point_index] >= 0
-    theirs = replace(
-        tracks,
-        points_world=tracks.points_world[points],
-        image_index=tracks.image_index[rows],
-        point_index=index[tracks.point_index[rows]],
-        pixels=tracks.pixels[rows],
-    )
-    parts = batches(theirs, sigma * kept.sigma_scale[rows], len(state.rig.pose), 0)
-    return parts, replace(state, points_world=state.points_world[points])
 
 
 def _weights(points: Array, regions: Sequence[Indices]) -> Array:

@@ -210,32 +210,59 @@ def _orthonormal(blocks: Array, batch: Batch) -> tuple[sparse.bsr_array, Array]:
     return Q, inverse_root
 
 
-def projected(
-    parts: Sequence[Batch], state: State, layout: Layout, directions: Array
+def by_regions(
+    parts: Sequence[Batch], state: State, layout: Layout, directions: Array, region: Indices
 ) -> tuple[Array, Array]:
-    """Information (d, q) of observations of unknown points along directions (d, q), and gradient (d,).
+    """What the unknown points of each region of the scene say along some directions.
 
-    What ``eliminate`` gives, times the directions, without the large matrix.
+    It is what ``eliminate`` gives for the region, times the directions, without its large matrix.
 
     Args:
         parts: the observations.
         state: where to linearise.
         layout: of the shared unknowns, with a pose for each image.
-        directions: steps of the shared unknowns.
+        directions: steps (d, q) of the shared unknowns.
+        region: index of the region of each point; those of known points do not matter.
+
+    Returns:
+        For each region (b) the information times the directions (b, d, q), and the gradient (b, d).
     """
-    n, intrinsics = 6 * layout.n_poses, layout.intrinsics_columns
-    product, gradient = np.zeros(directions.shape), np.zeros(layout.dim)
-    for batch in parts:
-        whitened = _whitened(batch, state, layout)
-        by_cameras, by_intrinsics = whitened.by_cameras, whitened.others[:, :-1]
-        seen = by_cameras.T @ directions[:n] + by_intrinsics @ directions[intrinsics]
-        Q, _ = _orthonormal(whitened.by_point, batch)
-        rest = np.column_stack([seen, whitened.others[:, -1]])
-        rest -= Q @ (Q.T @ rest)
-        for rows, found in ((np.s_[:n], by_cameras @ rest), (intrinsics, by_intrinsics.T @ rest)):
-            product[rows] += found[:, :-1]
-            gradient[rows] += found[:, -1]
-    return product, gradient
+    n, intrinsics, count = 6 * layout.n_poses, layout.intrinsics_columns, int(region.max()) + 1
+    found = np.zeros((count, layout.dim, directions.shape[1] + 1))
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        for cameras, others in pool.map(
+            lambda batch: _by_regions(batch, state, layout, directions, region, count), parts
+        ):
+            found[:, :n] += cameras
+            found[:, intrinsics] += others
+    return found[:, :, :-1], found[:, :, -1]
+
+
+def _by_regions(
+    batch: Batch, state: State, layout: Layout, directions: Array, region: Indices, count: int
+) -> tuple[Array, Array]:
+    """Rows of the cameras (b, 6 n, q + 1) and of the intrinsics of what a batch says."""
+    whitened = _whitened(batch, state, layout)
+    n, m = layout.n_poses, len(batch.image)
+    by_intrinsics, errors = whitened.others[:, :-1], whitened.others[:, -1]
+    along = whitened.by_cameras.T @ directions[: 6 * n]
+    along += by_intrinsics @ directions[layout.intrinsics_columns]
+    Q, _ = _orthonormal(whitened.by_point, batch)
+    rest = np.column_stack([along, errors])
+    rest = (rest - Q @ (Q.T @ rest)).reshape(m, 2, -1)
+    theirs = region[batch.point + batch.points.start]
+
+    def summed(rows: Array, bins: Indices, n_bins: int) -> Array:
+        add = sparse.csr_array((np.ones(m), (bins, np.arange(m))), shape=(n_bins, m))
+        return np.asarray(add @ rows.reshape(m, -1)).reshape(n_bins, *rows.shape[1:])
+
+    # The blocks of the cameras are in the order of the images.
+    order = batch.camera_order
+    cameras = summed(
+        whitened.by_cameras.data @ rest[order], theirs[order] * n + batch.image[order], count * n
+    )
+    others = summed(np.swapaxes(by_intrinsics.reshape(m, 2, -1), 1, 2) @ rest, theirs, count)
+    return cameras.reshape(count, 6 * n, -1), others
 
 
 def _eliminated(batch: Batch, state: State, layout: Layout) -> _Part:

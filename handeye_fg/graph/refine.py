@@ -158,11 +158,10 @@ def _fitted(
         )
 
 
-def _inflation(kept: Kept, fit: _Fit) -> float:
+def _inflation(problem: Problem, fit: _Fit) -> float:
     """How much less the images say of all X and the scale than with independent errors."""
-    layout = fit.linearised.layout
-    columns = np.append(layout.all_x_columns, layout.columns(LOG_SCALE))
-    return inflation(kept, fit.linearised_at, fit.linearised, fit.solution, columns)
+    columns = np.append(problem.layout.all_x_columns, problem.layout.columns(LOG_SCALE))
+    return inflation(problem, fit.linearised_at, fit.solution, columns)
 
 
 def _stepped(
@@ -325,7 +324,7 @@ def _optimum(
         left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
         gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
         last = last or gone < _NEGLIGIBLE or not (fit.converged and rounds_left)
-        inflated = _inflation(kept, fit) if last else 1.0
+        inflated = _inflation(problem, fit) if last else 1.0
         levels = replace(solution.noise, image_inflation=inflated)
         kept, problem, done = left, build(left, used), fit.iterations
         del fit, solution  # large, and the next ones take as much again

@@ -8,7 +8,7 @@ import pytest
 from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.correlation import inflation
-from handeye_fg.graph.elimination import batches, eliminate, projected
+from handeye_fg.graph.elimination import batches, by_regions, eliminate
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.noise import solve
 from handeye_fg.graph.problem import make_problem
@@ -87,11 +87,10 @@ def factor(scene):
         corner=1.0,
     )
     problem = make_problem(kept, scene.robot_poses.base_T_gripper, "base", (), None, ())
-    linearised = problem.linearised(state)
-    solution = solve(linearised, scene.noise)
+    solution = solve(problem.linearised(state), scene.noise)
     layout = problem.layout
     columns = np.append(layout.x_columns(), layout.columns(LOG_SCALE))
-    return inflation(kept, state, linearised, solution, columns)
+    return inflation(problem, state, solution, columns)
 
 
 def nees(scene, result):
@@ -105,13 +104,27 @@ def test_information_along_directions_is_that_of_the_elimination():
     layout = Layout(n_poses=n_images, intrinsics=((0, 1, 4),))
     parts = batches(tracks, np.full(len(tracks.pixels), 0.3), n_images, 0)
     directions = rng.standard_normal((layout.dim, 4))
-    product, gradient = projected(parts, start_of(scene), layout, directions)
-    quadratic = eliminate(parts, start_of(scene), layout).quadratic
-    scale = np.abs(quadratic.hessian @ directions).max()
-    np.testing.assert_allclose(product, quadratic.hessian @ directions, atol=1e-9 * scale)
+    region = rng.integers(0, 3, len(tracks.points_world))
+    products, gradients = by_regions(parts, start_of(scene), layout, directions, region)
+    wanted = eliminate(parts, start_of(scene), layout).quadratic
+    scale = np.abs(wanted.hessian @ directions).max()
+    np.testing.assert_allclose(products.sum(axis=0), wanted.hessian @ directions, atol=1e-9 * scale)
     np.testing.assert_allclose(
-        gradient, quadratic.gradient, atol=1e-9 * np.abs(quadratic.gradient).max()
+        gradients.sum(axis=0), wanted.gradient, atol=1e-9 * np.abs(wanted.gradient).max()
     )
+    # One region alone is what its own points say.
+    alone = np.flatnonzero(region[tracks.point_index] == 1)
+    points, index = np.unique(tracks.point_index[alone], return_inverse=True)
+    own = replace(
+        tracks,
+        points_world=tracks.points_world[points],
+        image_index=tracks.image_index[alone],
+        point_index=index,
+        pixels=tracks.pixels[alone],
+    )
+    state = replace(start_of(scene), points_world=start_of(scene).points_world[points])
+    theirs = eliminate(batches(own, np.full(len(alone), 0.3), n_images, 0), state, layout).quadratic
+    np.testing.assert_allclose(products[1], theirs.hessian @ directions, atol=1e-9 * scale)
 
 
 @pytest.mark.simulation
