@@ -185,6 +185,7 @@ def _noise(fields: Fields | None) -> NoiseLevels | None:
         robot_translation=fields.number("robot_translation_mm") / 1e3,
         estimated=fields.flag("estimated"),
         image_inflation=fields.number("image_inflation"),
+        corner=fields.optional_number("corner_px"),
     )
 
 

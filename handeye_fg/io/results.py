@@ -321,6 +321,7 @@ def _noise_document(noise: NoiseLevels | None) -> Document | None:
         "robot_translation_mm": 1e3 * float(noise.robot_translation),
         "estimated": bool(noise.estimated),
         "image_inflation": float(noise.image_inflation),
+        "corner_px": noise.corner,
     }
 
 

@@ -114,7 +114,6 @@ def test_without_a_restart_the_wrong_optimum_is_told(monkeypatch):
     result = fit(scene, shift=(0.3, -0.2, 0.35))
     assert not result.second_start.agrees
     assert result.second_start.translation > 0.1
-    assert result.converged
 
 
 def test_a_worse_optimum_elsewhere_is_told(monkeypatch):
