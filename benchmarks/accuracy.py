@@ -10,6 +10,9 @@ eye-to-hand). Where the truth has
 a folder of them that are named like the sets. With ``--halves``, the even and the
 odd images are calibrated separately as well: NEES of their difference has 6 degrees of freedom and
 99.9 % limit 22.5. NEES against a reference (not a truth) says little: the reference has errors too.
+Each half's X and the reference are then held against the other half's images, which neither half's X has
+seen: how well A X = X B closes over all their pairs, with B from structure from motion of that half, in the
+unit that suits each X best.
 """
 
 import argparse
@@ -18,11 +21,14 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import handeye_fg as hf
 from handeye_fg import frames
 from handeye_fg.io.images import list_cameras
 from handeye_fg.io.poses import read_poses
+from handeye_fg.motions import between
+from handeye_fg.sfm import read_model
 
 
 def difference(matrix, expected, covariance):
@@ -91,6 +97,34 @@ def camera_lines(name, result, expected):
         yield f"| {label} | | | {degrees:.4f} / {millimetres:.3f} | {nees:.1f} | {largest} | | | |"
 
 
+def closure(X, base_T_gripper, world_T_camera):
+    """Root mean square of A X against X B over all pairs, degrees and millimetres."""
+    i, j = np.triu_indices(len(base_T_gripper), 1)
+    A = between(base_T_gripper, i, j)
+    B = between(world_T_camera, i, j)
+    turned = A[:, :3, :3] @ X[:3, :3] @ np.swapaxes(X[:3, :3] @ B[:, :3, :3], 1, 2)
+    ours = A[:, :3, :3] @ X[:3, 3] + A[:, :3, 3] - X[:3, 3]
+    theirs = B[:, :3, 3] @ X[:3, :3].T
+    rest = ours - np.sum(ours * theirs) / np.sum(theirs**2) * theirs
+    angles = Rotation.from_matrix(turned).magnitude()
+    return np.rad2deg(np.sqrt(np.mean(angles**2))), 1e3 * np.sqrt(np.mean(np.sum(rest**2, axis=1)))
+
+
+def closure_lines(folder, results, expected, output_of):
+    """How well each half's X and the reference close on the images of the other half."""
+    poses = read_poses(folder / "poses.csv")
+    reported = dict(zip(poses.names, poses.base_T_gripper, strict=True))
+    for part, other in (("even", "odd"), ("odd", "even")):
+        model = read_model(output_of[other] / "sfm")
+        gripper = np.array([reported[name] for name in model.names])
+        ours = closure(results[part].matrix, gripper, model.world_T_camera)
+        theirs = closure(expected, gripper, model.world_T_camera)
+        yield (
+            f"| {folder.name}, X of the {part} half on the {other} one: closes to {ours[0]:.3f} deg / "
+            f"{ours[1]:.2f} mm, the reference to {theirs[0]:.3f} / {theirs[1]:.2f} | | | | | | | | |"
+        )
+
+
 def main():
     """Run the sets that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -114,7 +148,7 @@ def main():
         parts = {"all": slice(None)}
         if arguments.halves:
             parts |= {"even": slice(0, None, 2), "odd": slice(1, None, 2)}
-        results = {}
+        results, output_of = {}, {}
         for part, every in parts.items():
             name = f"{folder.name} {part}" + (", no camera file" if arguments.no_camera else "")
             name += ", no masks" if arguments.no_masks else ""
@@ -122,6 +156,7 @@ def main():
             if target is not None:
                 target = target / f"{folder.name}.yaml" if target.is_dir() else target
                 name += ", target"
+            output_of[part] = arguments.output / name.replace(" ", "_").replace(",", "")
             begin = time.perf_counter()
             results[part] = calibrated(
                 folder,
@@ -129,7 +164,7 @@ def main():
                 with_masks=not arguments.no_masks,
                 setup="eye-to-hand" if static else "eye-in-hand",
                 target=target,
-                output=arguments.output / name.replace(" ", "_").replace(",", ""),
+                output=output_of[part],
                 every=every,
             )
             print(line(name, results[part], time.perf_counter() - begin, expected), flush=True)
@@ -143,6 +178,8 @@ def main():
             print(
                 f"| {folder.name} even against odd | | | {degrees:.4f} / {millimetres:.3f} "
                 f"| {nees:.1f} | | | | |",
+                *closure_lines(folder, results, expected, output_of),
+                sep="\n",
                 flush=True,
             )
 

@@ -37,8 +37,7 @@ _LEAST_COST = 1e-4  # below it, without noise, a drop of the cost is rounding
 _GOOD = 0.25  # part of a step's expected decrease that may be missing
 _MOST_RESTARTS = 2  # from a better optimum; a second one was never seen
 _MOST_ROUNDS = 5  # of leaving out mismatches
-# Part of the observations: where no more go, the next round is the last one; where hardly any, this one
-# is, and what is left says of the errors of the images what all said.
+# Part of the observations: where no more go, the next round is the last one; where hardly any, this one is.
 _FEW, _NEGLIGIBLE = 0.02, 1e-3
 _MOST_SETS = 5  # of robot poses that agree; a second one is rare
 _MOST_PARTS = 12  # the last one is a step of less than a hundredth
@@ -316,7 +315,7 @@ def _optimum(
     problem = build(kept, used)
     residuals = robot_residuals(kept.state, problem.base_T_gripper, inverted=problem.inverted)
     levels = _first_noise(kept, residuals[used], with_corners=problem.known is not None)
-    last = False
+    last, inflated = False, 1.0
     for rounds_left in reversed(range(_MOST_ROUNDS)):
         fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise)
@@ -324,7 +323,8 @@ def _optimum(
         left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
         gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
         last = last or gone < _NEGLIGIBLE or not (fit.converged and rounds_left)
-        inflated = _inflation(problem, fit) if last else 1.0
+        # What is left after leaving out looks more independent than its errors are.
+        inflated = max(inflated, _inflation(problem, fit))
         levels = replace(solution.noise, image_inflation=inflated)
         kept, problem, done = left, build(left, used), fit.iterations
         del fit, solution  # large, and the next ones take as much again
