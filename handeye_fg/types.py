@@ -282,6 +282,14 @@ class NoiseLevels:
         """Standard deviation with which an observation counts, pixels."""
         return self.pixel * math.sqrt(self.image_inflation)
 
+    @property
+    def corner_image_sigma(self) -> float:
+        """Standard deviation with which a corner counts, pixels; 1 without target.
+
+        What makes features err alike, such as a lens that is not quite its model, makes corners do so.
+        """
+        return 1.0 if self.corner is None else self.corner * math.sqrt(self.image_inflation)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotErrors:

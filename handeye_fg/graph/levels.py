@@ -15,7 +15,7 @@ from scipy import special
 
 from handeye_fg.frames import Array
 from handeye_fg.graph.certainty import Certainty, certainty, given
-from handeye_fg.graph.noise import PRIOR_WEIGHT, Solution, corner_sigma, known_levels, prior_decides
+from handeye_fg.graph.noise import PRIOR_WEIGHT, Solution, known_levels, prior_decides
 from handeye_fg.graph.reduced import Linearised, predicted_together
 from handeye_fg.options import NoiseOptions
 from handeye_fg.types import LevelCertainty
@@ -137,7 +137,7 @@ def _weighted(problem: Linearised, solution: Solution, columns: Array) -> Array:
     result[0] = (
         problem.reprojections.hessian @ columns / (noise.image_sigma / problem.pixel_unit_px) ** 2
     )
-    result[3] = problem.corners.hessian @ columns / corner_sigma(noise) ** 2
+    result[3] = problem.corners.hessian @ columns / noise.corner_image_sigma**2
     predicted = robot.jacobian @ columns[robot.columns]
     for k, sigma in ((1, noise.robot_rotation), (2, noise.robot_translation)):
         rows = slice(3 * (k - 1), 3 * k)

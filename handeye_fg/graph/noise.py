@@ -102,7 +102,7 @@ def _normal_equations(problem: Linearised, noise: NoiseLevels) -> tuple[Array, A
     hessian, gradient = scatter(problem.robot, _weights(noise), problem.layout.dim)
     unit = noise.image_sigma / problem.pixel_unit_px
     parts = [(problem.reprojections, unit), (problem.prior, 1.0)]
-    parts += [(problem.corners, corner_sigma(noise))] if problem.corner_rows else []
+    parts += [(problem.corners, noise.corner_image_sigma)] if problem.corner_rows else []
     parts += [] if problem.held is None else [(problem.held, 1.0)]
     for part, sigma in parts:
         hessian += part.hessian / sigma**2
@@ -114,7 +114,7 @@ def cost(problem: Linearised, noise: NoiseLevels) -> float:
     """Cost of the linearised problem without a step, but with the unknown points at their best."""
     squares = float(np.sum(_weights(noise) * problem.robot.residual**2))
     squares += problem.reprojections.constant * (problem.pixel_unit_px / noise.image_sigma) ** 2
-    squares += problem.corners.constant / corner_sigma(noise) ** 2 + problem.prior.constant
+    squares += problem.corners.constant / noise.corner_image_sigma**2 + problem.prior.constant
     return 0.5 * (squares + (0.0 if problem.held is None else problem.held.constant))
 
 
@@ -137,7 +137,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     )
     corner_used = 0.0
     if problem.corner_rows:
-        corner_used = np.sum(corners.hessian * covariance) / corner_sigma(noise) ** 2
+        corner_used = np.sum(corners.hessian * covariance) / noise.corner_image_sigma**2
     rows = 3 * len(robot.residual)
 
     moved = robot.residual + np.einsum("nij,nj->ni", robot.jacobian, step[robot.columns])
@@ -163,7 +163,7 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
     )
 
 
-def corner_sigma(noise: NoiseLevels) -> float:
+def _corner(noise: NoiseLevels) -> float:
     """The sigma of corners; any where there are none."""
     return 1.0 if noise.corner is None else noise.corner
 
@@ -216,7 +216,7 @@ def relative_change(before: NoiseLevels, after: NoiseLevels) -> float:
         (before.pixel, after.pixel),
         (before.robot_rotation, after.robot_rotation),
         (before.robot_translation, after.robot_translation),
-        (corner_sigma(before), corner_sigma(after)),
+        (_corner(before), _corner(after)),
     )
     return max(abs(float(np.log(a / b))) for a, b in pairs)
 
@@ -254,7 +254,7 @@ def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOption
 
 def _logarithms(levels: NoiseLevels) -> Array:
     return np.log(
-        [levels.pixel, levels.robot_rotation, levels.robot_translation, corner_sigma(levels)]
+        [levels.pixel, levels.robot_rotation, levels.robot_translation, _corner(levels)]
     )
 
 

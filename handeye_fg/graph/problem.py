@@ -108,7 +108,7 @@ class Problem:
         """Half the sum of squared whitened residuals."""
         unit = noise.image_sigma / self.pixel_unit_px
         images = squares(self.scene, state) / unit**2
-        images += squares([self.corners], state) / (noise.corner or 1.0) ** 2
+        images += squares([self.corners], state) / noise.corner_image_sigma**2
         sigmas = m.pose_sigmas(noise.robot_rotation, noise.robot_translation)
         robot = m.robot_graph(self.base_T_gripper, sigmas, self.trusted, inverted=self.inverted)
         graphs = [robot, self._priors()]
