@@ -253,9 +253,7 @@ def estimate_noise(problem: Linearised, start: NoiseLevels, options: NoiseOption
 
 
 def _logarithms(levels: NoiseLevels) -> Array:
-    return np.log(
-        [levels.pixel, levels.robot_rotation, levels.robot_translation, _corner(levels)]
-    )
+    return np.log([levels.pixel, levels.robot_rotation, levels.robot_translation, _corner(levels)])
 
 
 def _accelerated(
