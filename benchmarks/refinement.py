@@ -31,7 +31,7 @@ FIELDS = ("points_world", "image_index", "point_index", "pixels")
 def write_scene(n_images, n_observations, path):
     """Simulate a scene of that size; its arrays go to a file."""
     from handeye_fg.simulate import simulate_scene  # noqa: PLC0415  # not for COLMAP's processes
-    from handeye_fg.solvers import linear_start  # noqa: PLC0415
+    from handeye_fg.solvers import linear_start  # noqa: PLC0415  # likewise
 
     # Tracks become longer with more images: 6 observations a point with 20 images, 15 with 300.
     n_points = int(n_observations / (2.2 * n_images**0.34))
@@ -60,12 +60,12 @@ def write_scene(n_images, n_observations, path):
 
 def ours(scene):
     """Refine; seconds, those of the covariance, and the iterations."""
-    from handeye_fg.graph.noise import solve  # noqa: PLC0415
-    from handeye_fg.graph.refine import refine  # noqa: PLC0415
-    from handeye_fg.graph.variables import State  # noqa: PLC0415
-    from handeye_fg.options import GraphOptions, NoiseOptions  # noqa: PLC0415
-    from handeye_fg.progress import silent  # noqa: PLC0415
-    from handeye_fg.types import CameraModel, Rig, SfmModel, Tracks  # noqa: PLC0415
+    from handeye_fg.graph.noise import solve  # noqa: PLC0415  # likewise
+    from handeye_fg.graph.refine import refine  # noqa: PLC0415  # likewise
+    from handeye_fg.graph.variables import State  # noqa: PLC0415  # likewise
+    from handeye_fg.options import GraphOptions, NoiseOptions  # noqa: PLC0415  # likewise
+    from handeye_fg.progress import silent  # noqa: PLC0415  # likewise
+    from handeye_fg.types import CameraModel, Rig, SfmModel, Tracks  # noqa: PLC0415  # likewise
 
     module = sys.modules["handeye_fg.graph.refine"]
     summarise, covariance = module.summarise, []
@@ -143,7 +143,7 @@ def reconstruction(scene):
 
 def ceres(scene):
     """Adjust; seconds, no covariance, and the iterations."""
-    import pycolmap  # noqa: PLC0415
+    import pycolmap  # noqa: PLC0415  # likewise
 
     adjusted = reconstruction(scene)
     options = pycolmap.BundleAdjustmentOptions()

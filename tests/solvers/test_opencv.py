@@ -183,4 +183,4 @@ if __name__ == "__main__":
     for scene, draw in SCENES.items():
         for name in FLAGS:
             degrees, millimetres = median_errors(opencvs, name, draw)
-            print(f'    ("{scene}", "{name}"): ({degrees:.5f}, {millimetres:.4f}),')  # noqa: T201
+            print(f'    ("{scene}", "{name}"): ({degrees:.5f}, {millimetres:.4f}),')  # noqa: T201  # a person's run
