@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import handeye_fg as hf
 from handeye_fg import cli
+from handeye_fg.commands import exit_codes
 from handeye_fg.frames import Array, inverse, rotation_angle, scaled
 from handeye_fg.io.results import Result, result_schema, to_document
 from handeye_fg.motions import PosePairs, as_motions
@@ -299,7 +300,7 @@ def test_command_writes_result_and_page(
     files: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert cli.main(["solve", *files, "--output", str(out), "--json"]) == cli.EXIT_OK
+    assert cli.main(["solve", *files, "--output", str(out), "--json"]) == exit_codes.EXIT_OK
     captured = capsys.readouterr()
     document = json.loads(captured.out)
     assert document == json.loads((out / "result.json").read_text())
@@ -309,7 +310,7 @@ def test_command_writes_result_and_page(
     assert "18 of 20 paired, 2 rows rejected" in captured.err
     assert (out / "report.html").is_file()
     assert {path.name for path in out.iterdir()} == {"result.json", "report.html"}
-    assert cli.main(["report", str(out)]) == cli.EXIT_OK
+    assert cli.main(["report", str(out)]) == exit_codes.EXIT_OK
 
 
 def test_command_as_a_process(files: list[str], tmp_path: Path) -> None:
@@ -328,25 +329,28 @@ def test_command_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     robot_csv = str(write_csv(tmp_path / "robot.csv", robot, 0))
     camera_csv = str(write_csv(tmp_path / "camera.csv", camera, 0))
     options = ["--output", str(tmp_path / "out")]
-    assert cli.main(["solve", robot_csv, camera_csv, *options]) == cli.EXIT_PARTIAL
+    assert cli.main(["solve", robot_csv, camera_csv, *options]) == exit_codes.EXIT_PARTIAL
     assert "is not determined" in capsys.readouterr().err
     same = str(write_csv(tmp_path / "same.csv", np.repeat(robot[:1], 20, axis=0), 0))
-    assert cli.main(["solve", same, camera_csv, *options, "--json"]) == cli.EXIT_FAILED
+    assert cli.main(["solve", same, camera_csv, *options, "--json"]) == exit_codes.EXIT_FAILED
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert "did not move" in captured.err
     assert json.loads(captured.out)["status"] == "failed"
-    assert cli.main(["solve", robot_csv, "nowhere.csv", *options]) == cli.EXIT_USAGE
+    assert cli.main(["solve", robot_csv, "nowhere.csv", *options]) == exit_codes.EXIT_USAGE
     assert "nowhere.csv: no such file" in capsys.readouterr().err
-    assert cli.main(["solve", robot_csv, camera_csv, "--method", "foo"]) == cli.EXIT_USAGE
+    assert cli.main(["solve", robot_csv, camera_csv, "--method", "foo"]) == exit_codes.EXIT_USAGE
     assert "andreff_scale" in capsys.readouterr().err
 
 
 def test_command_flags(files: list[str], tmp_path: Path) -> None:
     options = ["--output", str(tmp_path), "-q", "--no-robust", "--setup", "eye-to-hand"]
     # Inverting the robot poses makes these another convention.
-    assert cli.main(["solve", *files, *options]) in (cli.EXIT_FAILED, cli.EXIT_USAGE)
-    assert cli.main(["solve", *files, "--robust", "-q", "--output", str(tmp_path)]) == cli.EXIT_OK
+    assert cli.main(["solve", *files, *options]) in (exit_codes.EXIT_FAILED, exit_codes.EXIT_USAGE)
+    assert (
+        cli.main(["solve", *files, "--robust", "-q", "--output", str(tmp_path)])
+        == exit_codes.EXIT_OK
+    )
 
 
 def test_start_up_loads_nothing_of_images(files: list[str], tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import handeye_fg as hf
 from handeye_fg import sfm
-from handeye_fg.cli import EXIT_FAILED, EXIT_OK, EXIT_PARTIAL, main
+from handeye_fg.cli import main
+from handeye_fg.commands.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_PARTIAL
 from handeye_fg.io.config import read_config, write_config
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.types import CameraModel

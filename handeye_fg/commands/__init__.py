@@ -1,0 +1,28 @@
+"""The commands of the program, each with its flags and a ``run`` that returns the exit code.
+
+Heavy packages are imported where they are used, so that help is quick.
+"""
+
+from typing import Protocol
+
+from handeye_fg.commands.calibrate import Calibrate
+from handeye_fg.commands.report import Report
+from handeye_fg.commands.solve import Solve
+
+
+class Command(Protocol):
+    """What was asked for, with its flags."""
+
+    def run(self) -> int:
+        """Do it; the exit code."""
+        ...
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "calibrate": Calibrate,
+    "solve": Solve,
+    "report": Report,
+}
+"""Each command under its name, in the order of the help text."""
+
+__all__ = ["COMMANDS", "Calibrate", "Command", "Report", "Solve"]

@@ -1,0 +1,93 @@
+"""``calibrate``: from a folder of images and the robot's poses."""
+
+# ruff: noqa: PLC0415  # help and usage errors must not wait for GTSAM, pycolmap and matplotlib
+
+import logging
+import os
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+
+from handeye_fg.commands.outcome import failure_as_json, told, written
+from handeye_fg.console import logged, native_stdout_moved, progress_view, stderr_console
+from handeye_fg.options import Options
+from handeye_fg.progress import silent
+
+if TYPE_CHECKING:
+    from handeye_fg.io.results import Result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibrate:
+    """Calibrate from a folder of images and the robot's poses.
+
+    Flags win over the file given with --config, which wins over the defaults. Writes result.json,
+    report.html, config.toml (the options as used) and sfm/ (the reconstruction) to --output.
+    """
+
+    images: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IMAGES")]
+    """Folder of the images; of several cameras on one arm with a sub-folder for each, in which images of
+    one robot pose have the same name."""
+    poses: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POSES")]
+    """CSV file with the header image,x,y,z,qx,qy,qz,qw: for each image name the pose of the gripper
+    in the robot's base (metres, Hamilton quaternion)."""
+    camera: Path | None = None
+    """Camera file (YAML of OpenCV or ROS), or for several cameras a folder with a file for each, named like
+    the sub-folders (cam0.yaml). Without it the intrinsics are estimated."""
+    masks: Path | None = None
+    """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png, of several cameras
+    cam0/frame_0000.jpg.png): white is used."""
+    target: Path | None = None
+    """Target file (YAML): a board of known size that images show, with or without a scene around it."""
+    config: Path | None = None
+    """Options as a TOML file, such as the config.toml of an earlier run."""
+    output: Path = Path("handeye-fg-out")
+    """Folder for the results."""
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Print the result as JSON on stdout."""
+    quiet: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(aliases=["-q"])] = False
+    """Print nothing but errors."""
+    verbose: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(aliases=["-v"])] = False
+    """Let the logs of the libraries through."""
+    options: Annotated[Options, tyro.conf.arg(name="")] = field(default_factory=Options)
+    """Options of the calibration."""
+
+    def run(self) -> int:
+        """Calibrate, write the results and say what came out."""
+        from handeye_fg.io.config import write_config
+
+        console = stderr_console()
+        with failure_as_json(self.options.setup, json=self.json):
+            result = self._calibrate(console)
+        report = written(result, self.output)
+        write_config(self.options, self.output / "config.toml")
+        return told(result, report, console, json=self.json, quiet=self.quiet)
+
+    def _calibrate(self, console: Console) -> "Result":
+        from handeye_fg.pipeline import calibrate
+        from handeye_fg.sfm import set_verbosity
+
+        set_verbosity(self.verbose)
+        with ExitStack() as stack:
+            stack.enter_context(logged(console, self._log_level()))
+            stack.enter_context(native_stdout_moved(None if self.verbose else os.devnull))
+            view = silent if self.quiet else stack.enter_context(progress_view(console))
+            return calibrate(
+                self.images,
+                self.poses,
+                camera=self.camera,
+                masks=self.masks,
+                options=self.options,
+                target=self.target,
+                output=self.output,
+                progress=view,
+            )
+
+    def _log_level(self) -> int:
+        if self.quiet:
+            return logging.ERROR
+        return logging.DEBUG if self.verbose else logging.WARNING
