@@ -2,7 +2,8 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,21 @@ from handeye_fg.io.cameras import read_camera
 from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.io.poses import poses_from_mapping, read_poses
 from handeye_fg.io.targets import read_target
+from handeye_fg.looks import Look, copies
 from handeye_fg.options import Options, Setup
+from handeye_fg.parts import only
 from handeye_fg.patterns import Target
 from handeye_fg.progress import Progress
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import CameraModel, Rig, RobotPoses, SfmModel, Tracks, folder_of, folders_of
+from handeye_fg.types import CameraModel, Rig, RobotPoses, SfmModel, folder_of, folders_of
 
 PosesSource = str | Path | Mapping[str, Array] | RobotPoses
 CameraSource = str | Path | CameraModel | None
 TargetSource = str | Path | Target | None
 
 _FEWEST_IMAGES = 3  # two motions, the least that determine X
+# An arm that stands still reports poses nearer than this.
+_SAME_POSE_DEG, _SAME_POSE_MM = 1.0, 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +40,8 @@ class Inputs:
         images: folder of the images.
         names: names with an image and a pose.
         left_out: (name, reason) of the images without pose and the poses without image.
+        unusable: (name, reason) of the images that have a pose and yet cannot be used.
+        looks: how the images look, by name.
         poses: reported poses of all names; of base_T_gripper, or its inverse for eye-to-hand.
         cameras: given intrinsics for each folder of images ("." for none), or None.
         masks: folder of the masks, or None.
@@ -50,6 +57,8 @@ class Inputs:
     masks: Path | None
     digest: str
     target: Target | None = None
+    unusable: tuple[tuple[str, str], ...] = ()
+    looks: Mapping[str, Look] = field(default_factory=dict)
 
     @property
     def camera(self) -> CameraModel | None:
@@ -116,12 +125,7 @@ def read_inputs(
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(list_cameras(images), robot.names)
     names = pairing.paired
-    n_poses = len({pose_name(name, set(robot.names)) for name in names})
-    if n_poses < _FEWEST_IMAGES:
-        raise InputDataError(
-            f"only {n_poses} images of {images} have a pose, but at least {_FEWEST_IMAGES} are "
-            "needed, and 10 or more are advisable; add images with poses"
-        )
+    _require_enough(images, names, robot)
     folders = folders_of(names)
     if pattern is not None and len(folders) > 1:
         raise InputDataError(
@@ -130,17 +134,25 @@ def read_inputs(
         )
     cameras = _cameras(camera, folders)
     mask_folder = None if masks is None else Path(masks)
+    looks: dict[str, Look] = {}
+    unusable: dict[str, str] = {}
     for folder in folders:
         inside = [name for name in names if folder_of(name) == folder]
-        size = read_image_set(images, inside, progress)
+        found = read_image_set(images, inside, progress)
+        size = found.size
         if cameras is not None and (cameras[folder].width, cameras[folder].height) != size:
             raise InputDataError(
                 f"the camera file is for images of {cameras[folder].width}x{cameras[folder].height} "
                 f"pixels, but those in {images / folder} have {size[0]}x{size[1]}; give the file of "
                 "this resolution"
             )
+        unusable |= dict(found.unusable) | _copies(found.looks, robot)
+        usable = [name for name in inside if name not in unusable]
+        looks |= {name: found.looks[name] for name in usable}
         if mask_folder is not None:
-            check_masks(mask_folder, inside, size)
+            check_masks(mask_folder, usable, size)
+    names = tuple(name for name in names if name in looks)
+    _require_enough(images, names, robot, unusable)
     left_out = [(name, "no pose has this name") for name in pairing.images_without_pose]
     left_out += [(name, "no image has this name") for name in pairing.poses_without_image]
     files = [images / name for name in names]
@@ -154,7 +166,50 @@ def read_inputs(
         masks=mask_folder,
         digest=_digest(robot, cameras, files, pattern),
         target=pattern,
+        unusable=tuple(unusable.items()),
+        looks=looks,
     )
+
+
+def _require_enough(
+    images: Path, names: Sequence[str], robot: RobotPoses, unusable: Mapping[str, str] | None = None
+) -> None:
+    """Refuse too few images.
+
+    Raises:
+        InputDataError: fewer than three poses have an image that can be used.
+    """
+    n_poses = len({pose_name(name, set(robot.names)) for name in names})
+    if n_poses >= _FEWEST_IMAGES:
+        return
+    without = "".join(f"; {name}: {reason}" for name, reason in islice((unusable or {}).items(), 3))
+    raise InputDataError(
+        f"only {n_poses} {'usable ' if unusable else ''}images of {images} have a pose, but at least "
+        f"{_FEWEST_IMAGES} are needed, and 10 or more are advisable; add images with poses{without}"
+    )
+
+
+def _copies(looks: Mapping[str, Look], robot: RobotPoses) -> dict[str, str]:
+    """Why images are left out that show what another one shows, by name.
+
+    An image that is repeated to the last grey level is one measurement, not two. Two that differ in noise
+    only are two, if the robot stood still.
+    """
+    pose = dict(zip(robot.names, robot.base_T_gripper, strict=True))
+    index = {name: pose[pose_name(name, pose) or name] for name in looks}
+    reasons = {}
+    for name, (first, identical) in copies(looks).items():
+        moved = frames.inverse(index[first]) @ index[name]
+        degrees = np.rad2deg(frames.rotation_angle(moved[:3, :3]))
+        millimetres = 1e3 * np.linalg.norm(moved[:3, 3])
+        if degrees > _SAME_POSE_DEG or millimetres > _SAME_POSE_MM:
+            reasons[name] = (
+                f"it shows the same as {first} although the robot had moved by {millimetres:.0f} mm and "
+                f"{degrees:.0f} deg: the image or the pose of one of them is wrong"
+            )
+        elif identical:
+            reasons[name] = f"it is the same image as {first}"
+    return reasons
 
 
 def read_model_inputs(
@@ -187,7 +242,7 @@ def read_model_inputs(
         masks=None,
         digest=_digest(robot, cameras, []),
     )
-    return inputs, _only(model, pairing.paired)
+    return inputs, only(model, pairing.paired)
 
 
 def _robot_poses(poses: PosesSource, options: Options) -> RobotPoses:
@@ -215,29 +270,6 @@ def _cameras(source: CameraSource, folders: Sequence[str]) -> dict[str, CameraMo
             f"camera file {path}: is a folder, but there is one camera; give its file"
         )
     return {folder: read_camera(path / f"{folder}.yaml") for folder in folders}
-
-
-def _only(model: SfmModel, names: Sequence[str]) -> SfmModel:
-    """The model without the images that are not named."""
-    rows = np.array([model.names.index(name) for name in names])
-    new_index = np.full(len(model.names), -1)
-    new_index[rows] = np.arange(len(rows))
-    tracks = model.tracks
-    kept = new_index[tracks.image_index] >= 0
-    return SfmModel(
-        names=tuple(names),
-        world_T_camera=model.world_T_camera[rows],
-        cameras=model.cameras,
-        image_camera=model.image_camera[rows],
-        tracks=Tracks(
-            points_world=tracks.points_world,
-            image_index=new_index[tracks.image_index[kept]],
-            point_index=tracks.point_index[kept],
-            pixels=tracks.pixels[kept],
-        ),
-        mean_reprojection_px=model.mean_reprojection_px,
-        unregistered=model.unregistered,
-    )
 
 
 def _digest(

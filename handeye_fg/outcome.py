@@ -1,6 +1,6 @@
 """From the stages' answers to the result that users get."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -36,6 +36,8 @@ _STATIC: Mapping[Setup, str] = {
     "eye-in-hand": "text drawn over the images, or the gripper in view",
     "eye-to-hand": "the static background",
 }
+# Images without pose that the message names; the list of images has all.
+_MOST_NAMED = 5
 _LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
 
 
@@ -96,7 +98,7 @@ def assemble(
         other_intrinsics=first.other,
         focal_offset=first.focal_offset,
         sfm=SfmSummary(
-            n_images=len(inputs.names),
+            n_images=len(inputs.names) + len(inputs.unusable),
             n_registered=len(model.names),
             n_points=len(model.tracks.points_world),
             n_observations=len(model.tracks.pixels),
@@ -165,7 +167,7 @@ def _images(
         )
         for i, (name, pose) in enumerate(zip(model.names, final.state.rig.pose, strict=True))
     ]
-    without = (*model.unregistered, *inputs.left_out)
+    without = (*model.unregistered, *inputs.unusable, *inputs.left_out)
     reports += [ImageReport(name=name, registered=False, reason=reason) for name, reason in without]
     return tuple(sorted(reports, key=lambda report: report.name))
 
@@ -261,8 +263,11 @@ def _target(scene: Scene, view: View) -> TargetSummary | None:
 def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
     """What came out, in one or two sentences."""
     model, final = scene.model, view.refinement
-    n, total = len(model.names), len(inputs.names)
+    without = (*inputs.unusable, *model.unregistered)
+    n, total = len(model.names), len(inputs.names) + len(inputs.unusable)
     parts = [f"Calibrated from {n} of {total} images."]
+    if without:
+        parts.append(_named(without))
     if missing := _missing(inputs, model):
         parts.append(
             f"No image of {', '.join(missing)} could be placed, so that there is no X of it; take images "
@@ -302,6 +307,14 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
         free = [direction.description for direction in found.free_directions]
         parts += [description for description in free if description not in parts]
     return " ".join(parts)
+
+
+def _named(without: Sequence[tuple[str, str]]) -> str:
+    """The images that were not used, with the reason of each."""
+    told = [f"{name} ({reason})" for name, reason in without[:_MOST_NAMED]]
+    if more := len(without) - len(told):
+        told.append(f"{more} more, see the list of images")
+    return f"Not used: {', '.join(told)}."
 
 
 def _confounded(offset: FocalOffset, camera: int | None) -> str:

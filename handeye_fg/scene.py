@@ -1,6 +1,6 @@
 """Where the images were taken: from structure from motion, from a known target, or from both."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,9 @@ from handeye_fg import frames, sfm
 from handeye_fg.errors import HandEyeError, ReconstructionError
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
+from handeye_fg.looks import flaws
 from handeye_fg.options import Options
+from handeye_fg.parts import only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.solvers import linear_start
@@ -17,6 +19,8 @@ from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_boar
 from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel, folders_of
 
 _FEWEST_IMAGES = 3
+# Of the median image's points: less is few.
+_FEW_POINTS = 0.25
 # A linear start of so many images whose residuals (radians; part of the cameras' extent) are no larger
 # places further cameras to some pixels.
 _FEWEST_TO_COMPLETE = 5
@@ -101,7 +105,31 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
         progress=progress,
         turns=inputs.turns(inputs.names, options.setup),
     )
-    return _completed(model, inputs, folder)
+    return _judged(_completed(model, inputs, folder), inputs)
+
+
+def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
+    """The model without images that look far worse than the others and hang on few points.
+
+    An image that structure from motion can use well stays, whatever it looks like. What an image without
+    pose looks like is told as its reason.
+    """
+    flawed = flaws(inputs.looks)
+    points = np.bincount(model.tracks.image_index, minlength=len(model.names))
+    fewest = _FEW_POINTS * np.median(points)
+    weak = {
+        name: f"{flawed[name]}, so that only {n} points hold it"
+        for name, n in zip(model.names, points.tolist(), strict=True)
+        if name in flawed and n < fewest
+    }
+    if len(model.names) - len(weak) < _FEWEST_IMAGES:
+        weak = {}
+    unregistered = tuple(
+        (name, f"{flawed[name]}; {reason}" if name in flawed else reason)
+        for name, reason in model.unregistered
+    )
+    kept = only(model, [name for name in model.names if name not in weak])
+    return replace(kept, unregistered=(*unregistered, *weak.items()))
 
 
 def _completed(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:

@@ -3,18 +3,24 @@
 import struct
 import warnings
 import zlib
-from collections.abc import Container, Sequence
+from collections import Counter
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.fields import reason, shown
+from handeye_fg.looks import Look, look_at
 from handeye_fg.progress import Progress, silent
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
 
+# More images of another size than this part are no slip: then it is not clear which size is meant.
+_MOST_OF_OTHER_SIZE = 0.2
 # What Pillow's decoders raise on damaged files.
 _DAMAGED = (
     OSError,
@@ -132,34 +138,61 @@ def check_image(path: Path) -> tuple[int, int]:
     return _decoded(path, "image").size
 
 
-def read_image_set(
-    folder: Path, names: Sequence[str], progress: Progress = silent
-) -> tuple[int, int]:
-    """Check that all images can be decoded and have one size.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImageSet:
+    """The images of one camera.
+
+    Attributes:
+        size: width and height of all of them, pixels.
+        looks: of those that can be used, by name.
+        unusable: (name, reason) of those that cannot be decoded or have another size.
+    """
+
+    size: tuple[int, int]
+    looks: Mapping[str, Look]
+    unusable: tuple[tuple[str, str], ...]
+
+
+def read_image_set(folder: Path, names: Sequence[str], progress: Progress = silent) -> ImageSet:
+    """Decode all images, and tell those that cannot be used.
 
     Args:
         folder: where the images are.
         names: names of the files, at least one.
         progress: told of stage "images" after each image.
 
-    Returns:
-        Width and height in pixels.
-
     Raises:
-        InputDataError: an image cannot be decoded, or has another size than the first.
+        InputDataError: no image can be decoded, or more than a fifth have another size than most.
     """
-    size = (0, 0)
+    looks: dict[str, Look] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    damaged: dict[str, InputDataError] = {}
     for k, name in enumerate(names):
-        found = check_image(folder / name)
-        if k == 0:
-            size = found
-        elif found != size:
-            raise InputDataError(
-                f"image {folder / name}: {_text(found)} pixels, but {names[0]} has {_text(size)};"
-                " give images of one camera in one resolution and orientation"
-            )
+        try:
+            image = _decoded(folder / name, "image")
+            sizes[name], looks[name] = image.size, look_at(_grey(image))
+        except InputDataError as error:
+            damaged[name] = error
         progress("images", k + 1, len(names))
-    return size
+    if not looks:
+        raise damaged[names[0]]
+    size, n_of_size = Counter(sizes.values()).most_common(1)[0]
+    usual = next(name for name in looks if sizes[name] == size)
+    other = [name for name in looks if sizes[name] != size]
+    if len(other) > _MOST_OF_OTHER_SIZE * len(looks):
+        raise InputDataError(
+            f"image {folder / other[0]}: {_text(sizes[other[0]])} pixels, but {usual} has {_text(size)}, as"
+            f" {n_of_size} of {len(looks)} images; give images of one camera in one resolution and"
+            " orientation"
+        )
+    reasons = {
+        name: str(error).removeprefix(f"image {folder / name}: ") for name, error in damaged.items()
+    } | {name: f"{_text(sizes[name])} pixels, but the others have {_text(size)}" for name in other}
+    return ImageSet(
+        size=size,
+        looks={name: look for name, look in looks.items() if name not in reasons},
+        unusable=tuple((name, reasons[name]) for name in names if name in reasons),
+    )
 
 
 def check_masks(mask_folder: Path, names: Sequence[str], size: tuple[int, int]) -> None:
@@ -248,6 +281,13 @@ def _decoded(path: Path, what: str) -> Image.Image:
         raise InputDataError(
             f"{what} {path}: cannot be decoded ({why}); copy it again or leave it out"
         ) from error
+
+
+def _grey(image: Image.Image) -> NDArray[np.uint8]:
+    """Grey levels (h, w); of 16 bits the upper eight."""
+    if image.mode.startswith("I;16"):
+        return (np.asarray(image) >> 8).astype(np.uint8)
+    return np.asarray(image.convert("L"))
 
 
 def _is_empty(path: Path) -> bool:

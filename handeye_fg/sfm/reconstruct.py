@@ -298,5 +298,8 @@ def _reason(n_features: int, n_matches: int) -> str:
     if n_features == 0:
         return "no features found"
     if n_matches < _FEWEST_MATCHES:
-        return f"no features matched ({n_features} found)"
+        return (
+            f"none of its {n_features} features matched another image's in a common geometry: it shows "
+            "something else, or too little of the same"
+        )
     return f"not enough matches in the scene's points ({n_matches} in its best pair)"

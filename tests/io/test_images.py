@@ -134,16 +134,54 @@ def test_decompression_bombs_are_refused(
         check_image(image(tmp_path / "a.png"))
 
 
-def test_an_image_set_has_one_size(tmp_path: Path) -> None:
+def test_an_image_set_is_read_whole(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         image(tmp_path / name)
     calls: list[tuple[str, int, int | None]] = []
-    size = read_image_set(tmp_path, ["a.png", "b.png"], lambda *call: calls.append(call))
-    assert size == (32, 24)
+    found = read_image_set(tmp_path, ["a.png", "b.png"], lambda *call: calls.append(call))
+    assert found.size == (32, 24)
+    assert list(found.looks) == ["a.png", "b.png"]
+    assert found.unusable == ()
     assert calls == [("images", 1, 2), ("images", 2, 2)]
+
+
+def test_images_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    names = [f"{k}.png" for k in range(7)]
+    for name in names[:5]:
+        image(tmp_path / name)
+    whole = image(tmp_path / "5.png").read_bytes()
+    (tmp_path / "5.png").write_bytes(whole[: len(whole) // 2])
+    image(tmp_path / "6.png", (24, 32))
+    found = read_image_set(tmp_path, names)
+    assert list(found.looks) == names[:5]
+    (damaged, why), (turned, size) = found.unusable
+    assert (damaged, turned) == ("5.png", "6.png")
+    assert why.startswith("cannot be decoded (image file is truncated")
+    assert size == "24 x 32 pixels, but the others have 32 x 24"
+
+
+def test_an_image_set_of_several_sizes_is_refused(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        image(tmp_path / name)
     image(tmp_path / "c.png", (24, 32))
-    with pytest.raises(InputDataError, match=r"c\.png: 24 x 32 pixels, but a\.png has 32 x 24"):
+    with pytest.raises(
+        InputDataError, match=r"c\.png: 24 x 32 pixels, but a\.png has 32 x 24, as 2"
+    ):
         read_image_set(tmp_path, ["a.png", "b.png", "c.png"])
+
+
+def test_a_set_without_any_image_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    with pytest.raises(InputDataError, match=r"a\.png: cannot be decoded \(the file is empty"):
+        read_image_set(tmp_path, ["a.png"])
+
+
+def test_sixteen_bits_look_as_eight(tmp_path: Path) -> None:
+    levels = np.random.default_rng(0).integers(0, 256, (24, 32)).astype(np.uint16)
+    Image.fromarray(levels.astype(np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(levels << 8).save(tmp_path / "b.png")
+    looks = read_image_set(tmp_path, ["a.png", "b.png"]).looks
+    assert looks["a.png"].content == looks["b.png"].content
 
 
 def test_masks(tmp_path: Path) -> None:
