@@ -1,9 +1,13 @@
-"""Reprojections as GTSAM's own factors, one for each observation: what the package is held against."""
+"""Refinements of simulated scenes, and reprojections as GTSAM's own factors to hold the package against."""
 
 import gtsam
 import pytest
 
+from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.variables import camera_key, intrinsics_key, point_key, to_values
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.progress import silent
+from handeye_fg.solvers import linear_start
 
 
 def calibration(camera):
@@ -37,6 +41,37 @@ def values_of(state, *, with_intrinsics):
     if with_intrinsics:
         values.insert(intrinsics_key(0), calibration(*state.cameras))
     return values
+
+
+def refined_scene(
+    scene, *, model=None, reported=None, noise=None, believed=False, priors=(), **how
+):
+    """A simulated scene refined from its linear start, its intrinsics fixed.
+
+    Another model or other reported robot poses may take the place of the scene's; ``believed``: only the
+    poses that the linear start trusts are used at first.
+    """
+    model = model or scene.model
+    reported = scene.robot_poses.base_T_gripper if reported is None else reported
+    linear = linear_start(reported, model.world_T_camera, priors=priors)
+    if believed:
+        how.setdefault("trusted", linear.trusted)
+    return refine(
+        model,
+        reported,
+        start_state(model, [scene.camera], linear),
+        intrinsics=(),
+        noise=noise or NoiseOptions(),
+        options=GraphOptions(),
+        progress=silent,
+        priors=priors,
+        **how,
+    )
+
+
+@pytest.fixture
+def refined():
+    return refined_scene
 
 
 @pytest.fixture

@@ -6,31 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.certainty import certainty, enlarged
 from handeye_fg.graph.levels import level_spread
 from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.noise import PRIOR_WEIGHT, solve
 from handeye_fg.graph.problem import make_problem
 from handeye_fg.graph.reduced import scatter
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
+from handeye_fg.options import NoiseOptions
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
-
-
-def refined(scene, noise=None):
-    reported = scene.robot_poses.base_T_gripper
-    linear = linear_start(reported, scene.model.world_T_camera)
-    return refine(
-        scene.model,
-        reported,
-        start_state(scene.model, [scene.camera], linear),
-        intrinsics=(),
-        noise=noise or NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-    )
 
 
 def positive(seed, n):
@@ -107,9 +92,9 @@ def test_information_on_the_levels_is_that_of_the_dense_model():
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=2e-3)
 
 
-def test_the_users_levels_are_certain_and_the_data_decide_the_others():
+def test_the_users_levels_are_certain_and_the_data_decide_the_others(refined):
     scene = simulate_scene(np.random.default_rng(0), n_images=8, n_points=60)
-    result = refined(scene, NoiseOptions(robot_rotation_deg=0.01))
+    result = refined(scene, noise=NoiseOptions(robot_rotation_deg=0.01))
     levels = result.level_certainties
     assert levels["robot_rotation"].source == "user"
     assert levels["robot_rotation"].degrees_of_freedom == np.inf
@@ -122,7 +107,7 @@ def test_the_users_levels_are_certain_and_the_data_decide_the_others():
     np.testing.assert_allclose(ends, expected)
 
 
-def test_the_prior_decides_where_poses_are_exact():
+def test_the_prior_decides_where_poses_are_exact(refined):
     scene = simulate_scene(
         np.random.default_rng(0),
         n_images=8,

@@ -5,11 +5,7 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate import disturbed, simulate_scene
-from handeye_fg.solvers import linear_start
 
 RUNS = 100
 N_IMAGES = 15
@@ -20,7 +16,7 @@ def spread(cameras):
     return np.sqrt(np.var(cameras[:, :3, 3], axis=0).sum())
 
 
-def draw(seed, *, inverted):
+def draw(refined, seed, *, inverted):
     rng = np.random.default_rng(seed)
     scene = simulate_scene(
         rng,
@@ -36,17 +32,7 @@ def draw(seed, *, inverted):
     ):  # the scene's robot poses are those of a base in a gripper, a static camera's X is in it
         true = frames.inverse(scene.base_T_gripper)
         reported = frames.inverse(disturbed(rng, true, ROTATION, TRANSLATION))
-    linear = linear_start(reported, scene.model.world_T_camera)
-    result = refine(
-        scene.model,
-        reported,
-        start_state(scene.model, [scene.camera], linear),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        inverted=inverted,
-    )
+    result = refined(scene, reported=reported, inverted=inverted)
     X = result.state.gripper_T_camera
     error = frames.log(frames.inverse(X) @ scene.gripper_T_camera)
     covariance = result.observability.covariance
@@ -70,8 +56,8 @@ def draw(seed, *, inverted):
 @pytest.mark.slow
 @pytest.mark.simulation
 @pytest.mark.parametrize("inverted", [False, True], ids=["eye-in-hand", "eye-to-hand"])
-def test_covariance_noise_levels_and_scale_are_consistent(inverted):
-    draws = [draw(seed, inverted=inverted) for seed in range(RUNS)]
+def test_covariance_noise_levels_and_scale_are_consistent(refined, inverted):
+    draws = [draw(refined, seed, inverted=inverted) for seed in range(RUNS)]
     # Sum of NEES: chi-square of 6 degrees of freedom a run. The estimated sigmas, with about 40
     # degrees of freedom each, spread it by 2 / 40 more; in one run of twenty the noise is taken for
     # structured, and the covariance is larger.

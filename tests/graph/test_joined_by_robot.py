@@ -7,11 +7,7 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.solvers import linear_start
 
 N_IMAGES, N_APART = 12, 3
 
@@ -38,37 +34,24 @@ def scene_in_parts(seed):
     return scene, replace(scene.model, tracks=parts)
 
 
-def refined(scene, model, reported):
-    linear = linear_start(reported, model.world_T_camera)
-    return refine(
-        model,
-        reported,
-        start_state(model, [scene.camera], linear),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-    )
-
-
 @pytest.mark.simulation
-def test_the_covariance_is_that_of_the_errors():
+def test_the_covariance_is_that_of_the_errors(refined):
     nees = []
     for seed in range(20):
         scene, model = scene_in_parts(seed)
-        result = refined(scene, model, scene.robot_poses.base_T_gripper)
+        result = refined(scene, model=model)
         error = frames.log(frames.inverse(result.state.gripper_T_camera) @ scene.gripper_T_camera)
         nees.append(error @ np.linalg.solve(result.observability.covariance, error))
     # The estimated sigmas spread the sum a little more than chi-square.
     assert stats.chi2.ppf(0.0005, 120) / 1.1 < np.sum(nees) < 1.1 * stats.chi2.ppf(0.9995, 120)
 
 
-def test_a_wrong_pose_among_them_does_not_break_the_others():
+def test_a_wrong_pose_among_them_does_not_break_the_others(refined):
     """Without its robot pose, the scale of what such an image sees is not determined."""
     scene, model = scene_in_parts(1)
     reported = scene.robot_poses.base_T_gripper.copy()
     reported[-1] = reported[-1] @ frames.exp(np.array([0.5, -0.4, 0.3, 0.1, 0.1, -0.1]))
-    result = refined(scene, model, reported)
+    result = refined(scene, model=model, reported=reported)
     assert result.outliers[-N_APART:].any()
     assert not result.outliers[: N_IMAGES - N_APART].any()
     error = frames.log(frames.inverse(result.state.gripper_T_camera) @ scene.gripper_T_camera)

@@ -7,34 +7,16 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.systematic import _blocks, _larger
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate import LinkErrors, simulate_arm_scene, simulate_scene
-from handeye_fg.solvers import linear_start
 
 RUNS = 24
 LINKS = LinkErrors(length=3e-4, angle=np.deg2rad(0.03))
 
 
-def refined(scene):
-    reported = scene.robot_poses.base_T_gripper
-    linear = linear_start(reported, scene.model.world_T_camera)
-    return refine(
-        scene.model,
-        reported,
-        start_state(scene.model, [scene.camera], linear),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.simulation
-def test_link_errors_are_found_and_covered():
+def test_link_errors_are_found_and_covered(refined):
     covered, white = [], []
     for seed in range(RUNS):
         scene = simulate_arm_scene(
@@ -56,7 +38,7 @@ def test_link_errors_are_found_and_covered():
 
 @pytest.mark.slow
 @pytest.mark.simulation
-def test_white_noise_is_left_alone():
+def test_white_noise_is_left_alone(refined):
     white = []
     for seed in range(RUNS):
         scene = simulate_scene(

@@ -5,13 +5,13 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.deletion import deletions
 from handeye_fg.graph.mismatches import Kept, without_mismatches
 from handeye_fg.graph.noise import estimate_noise, solve
 from handeye_fg.graph.problem import make_problem
 from handeye_fg.graph.refine import _fitted as fitted
-from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.options import NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
@@ -30,18 +30,12 @@ def simulated(seed, n_images):
     )
 
 
-def fit(scene, poses, *, noise=None, trusted=None):
-    linear = linear_start(poses, scene.model.world_T_camera)
-    return refine(
-        scene.model,
-        poses,
-        start_state(scene.model, [scene.camera], linear),
-        intrinsics=(),
-        noise=noise or NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        trusted=linear.trusted if trusted is None else trusted,
-    )
+@pytest.fixture
+def fit(refined):
+    def of_poses(scene, poses, *, noise=None, **how):
+        return refined(scene, reported=poses, noise=noise, believed=True, **how)
+
+    return of_poses
 
 
 def nees(result, scene):
@@ -68,7 +62,7 @@ def unsettled(poses):
 
 @pytest.mark.parametrize("spoilt", [swapped, stale, unsettled])
 @pytest.mark.parametrize("known", [False, True])
-def test_wrong_poses_are_named_and_cost_little(spoilt, known):
+def test_wrong_poses_are_named_and_cost_little(fit, spoilt, known):
     scene = simulated(1, 15)
     poses = np.array(scene.robot_poses.base_T_gripper)
     rows = spoilt(poses)
@@ -84,7 +78,7 @@ def test_wrong_poses_are_named_and_cost_little(spoilt, known):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_wrong_poses_that_hide_each_other(seed):
+def test_wrong_poses_that_hide_each_other(fit, seed):
     """Without a linear start's judgement the core alone finds a fifth of poses off by 12 sigma."""
     scene = simulated(seed, 20)
     poses = np.array(scene.robot_poses.base_T_gripper)
@@ -96,7 +90,7 @@ def test_wrong_poses_that_hide_each_other(seed):
     assert np.flatnonzero(result.outliers).tolist() == rows
 
 
-def test_right_poses_that_were_not_believed_are_taken_in():
+def test_right_poses_that_were_not_believed_are_taken_in(fit):
     scene = simulated(3, 12)
     poses = np.array(scene.robot_poses.base_T_gripper)
     poses[4, :3, 3] += 0.02
@@ -129,7 +123,7 @@ def test_a_deletion_is_the_solution_without_the_pose():
         assert np.isnan(alone.x_step[i]).all()
 
 
-def test_influence_is_how_far_x_moves_when_the_refinement_is_made_without_the_pose():
+def test_influence_is_how_far_x_moves_when_the_refinement_is_made_without_the_pose(fit):
     scene = simulated(6, 10)
     reported = scene.robot_poses.base_T_gripper
     known = NoiseOptions(pixel_px=0.3, robot_rotation_deg=0.1, robot_translation_mm=1.0)
@@ -151,7 +145,7 @@ def test_influence_is_how_far_x_moves_when_the_refinement_is_made_without_the_po
         )
 
 
-def test_the_rest_does_not_determine_what_a_pose_says():
+def test_the_rest_does_not_determine_what_a_pose_says(fit):
     """With three poses and any one left out, X is free: nothing can be said of the one."""
     scene = simulated(5, 3)
     assert not fit(scene, scene.robot_poses.base_T_gripper).outliers.any()
