@@ -203,7 +203,7 @@ def _by_points(blocks: Array, batch: Batch, n_points: int) -> sparse.bsr_array:
 def _orthonormal(blocks: Array, batch: Batch) -> tuple[sparse.bsr_array, Array]:
     """Q and L^-1 (p, 3, 3) of the derivatives by the points."""
     n_points = batch.points.stop - batch.points.start
-    squares = np.swapaxes(blocks, 1, 2) @ blocks
+    squares = np.ascontiguousarray(np.swapaxes(blocks, 1, 2)) @ blocks
     V = np.add.reduceat(squares, np.searchsorted(batch.point, np.arange(n_points)))
     inverse_root = np.asarray(np.linalg.inv(np.linalg.cholesky(V)), dtype=np.float64)
     Q = _by_points(blocks @ np.swapaxes(inverse_root, 1, 2)[batch.point], batch, n_points)

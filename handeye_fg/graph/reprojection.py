@@ -102,7 +102,8 @@ def derivatives(
     ray_by_pose[:, 0, 5], ray_by_pose[:, 1, 5] = x / depth, y / depth
     by_pose = by_ray @ ray_by_pose
     # A point that moves is a camera that moves the other way.
-    by_point = -by_pose[:, :, 3:] @ np.swapaxes(rays.rotations, 1, 2)[image]
+    camera_R_world = np.ascontiguousarray(np.swapaxes(rays.rotations, 1, 2))  # products are faster
+    by_point = -by_pose[:, :, 3:] @ camera_R_world[image]
     return Derivatives(
         errors=_errors(state, image, rays, pixels),
         by_pose=by_pose,
@@ -138,7 +139,7 @@ def _by_camera(state: State, image: Index) -> Iterator[tuple[int, slice | Index]
 def _rays(state: State, image: Index, point: Index) -> _Rays:
     poses = image_poses(state)
     offset = state.points_world[point] - poses[image, :3, 3]
-    q = (offset[:, None, :] @ poses[:, :3, :3][image])[:, 0]
+    q = np.einsum("mi,mij->mj", offset, poses[:, :3, :3][image])
     behind = ~(q[:, 2] > 0.0)
     depth = np.where(behind, 1.0, q[:, 2])
     return _Rays(
