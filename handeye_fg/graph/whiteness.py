@@ -3,7 +3,7 @@
 An arm repeats better than it is accurate: its links are not quite as long and its joints not quite as
 straight as the controller has them, so that the errors of its poses are smooth functions of the joint
 angles. They leave two traces in the residuals: the rotation and the position error of a pose belong
-together, more so in the plane of the arm, and neighbouring poses have similar errors. The three figures
+together, and neighbouring poses have similar errors as the arm sees them. The three figures
 that show this are held against those of residuals drawn from the white model of the same problem.
 """
 
@@ -106,20 +106,25 @@ def _normalised(whitened: Array) -> Array:
 def _statistics(base_T_gripper: Array, residuals: Array) -> Array:
     """Three figures (3, draws) of normalised residuals (n, 6, draws); large if they are structured.
 
-    Likelihood ratios of a covariance that all poses share against the unit matrix, in the axes of the
-    base and in those of the arm (outwards, sideways, up), and the similarity of neighbours.
+    - The likelihood ratio of a covariance that all poses share, in the base's axes, against the unit matrix.
+    - How far position errors are those of a lever that ends at the base: a joint that turns too far moves
+      the gripper about the joint's axis.
+    - The similarity of neighbours in the axes of the arm (outwards, sideways, up), which the errors of the
+      arm follow when its first joint turns.
     """
     R, n = base_T_gripper[:, :3, :3], len(base_T_gripper)
+    positions = base_T_gripper[:, :3, 3]
     in_base = np.einsum("nij,npjb->nipb", R, residuals.reshape(n, 2, 3, -1))
-    outwards = np.arctan2(base_T_gripper[:, 1, 3], base_T_gripper[:, 0, 3])
+    turned_by, moved_by = in_base[:, :, 0], in_base[:, :, 1]
+    lever = np.sum(np.cross(turned_by, positions[:, :, None], axis=1) * moved_by, axis=(0, 1))
+    outwards = np.arctan2(positions[:, 1], positions[:, 0])
     turned = np.stack([np.zeros(n), np.zeros(n), -outwards, *np.zeros((3, n))], axis=1)
-    in_arm = np.einsum("nij,njpb->nipb", frames.exp(turned)[:, :3, :3], in_base)
+    in_arm = np.einsum("nij,njpb->nipb", frames.exp(turned)[:, :3, :3], in_base).reshape(n, -1)
     angles = frames.rotation_angle(np.swapaxes(R, 1, 2)[:, None] @ R[None])
-    metres = np.linalg.norm(base_T_gripper[:, None, :3, 3] - base_T_gripper[None, :, :3, 3], axis=2)
+    metres = np.linalg.norm(positions[:, None] - positions[None], axis=2)
     near = np.exp(-0.5 * (angles / NEAR_ANGLE) ** 2 - 0.5 * (metres / NEAR_METRES) ** 2)
-    flat = in_base.reshape(n, -1)
-    alike = np.sum((flat * (near @ flat)).reshape(n * 6, -1), axis=0)
-    return np.array([_coupling(in_base), _coupling(in_arm), alike])
+    alike = np.sum((in_arm * (near @ in_arm)).reshape(n * 6, -1), axis=0)
+    return np.array([_coupling(in_base), lever, alike])
 
 
 def _coupling(residuals: Array) -> Array:
