@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     )
     from handeye_fg.from_model import refine
     from handeye_fg.from_poses import solve
+    from handeye_fg.io.poses import read_poses
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
     from handeye_fg.options import (
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
         GraphOptions,
         NoiseOptions,
         Options,
+        PoseFileOptions,
         PosePrior,
         Prior,
         RobotNoise,
@@ -44,6 +46,7 @@ __all__ = [
     "InputDataError",
     "NoiseOptions",
     "Options",
+    "PoseFileOptions",
     "PosePrior",
     "Prior",
     "ReconstructionError",
@@ -54,6 +57,7 @@ __all__ = [
     "UnobservableError",
     "calibrate",
     "load_result",
+    "read_poses",
     "refine",
     "solve",
 ]
@@ -62,6 +66,7 @@ _HOME = {
     "Result": "io.results",
     "calibrate": "pipeline",
     "load_result": "io.result_reader",
+    "read_poses": "io.poses",
     "refine": "from_model",
     "solve": "from_poses",
     **dict.fromkeys(
@@ -71,6 +76,7 @@ _HOME = {
             "GraphOptions",
             "NoiseOptions",
             "Options",
+            "PoseFileOptions",
             "PosePrior",
             "Prior",
             "RobotNoise",

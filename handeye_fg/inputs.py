@@ -13,7 +13,7 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.cameras import read_camera
 from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
-from handeye_fg.io.poses import poses_from_mapping, read_poses
+from handeye_fg.io.poses import open_poses, poses_from_mapping
 from handeye_fg.io.targets import read_target
 from handeye_fg.looks import Look, copies
 from handeye_fg.options import Options, Setup
@@ -121,9 +121,10 @@ def read_inputs(
     Raises:
         InputDataError: something is missing, damaged or does not fit together.
     """
-    robot = _robot_poses(poses, options)
+    listed = list_cameras(images)
+    robot = _robot_poses(poses, options, listed)
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
-    pairing = pair_names(list_cameras(images), robot.names)
+    pairing = pair_names(listed, robot.names)
     names = pairing.paired
     _require_enough(images, names, robot)
     folders = folders_of(names)
@@ -220,7 +221,7 @@ def read_model_inputs(
     Raises:
         InputDataError: the poses break their format, or fewer than three belong to the model.
     """
-    robot = _robot_poses(poses, options)
+    robot = _robot_poses(poses, options, model.names)
     pairing = pair_names(model.names, robot.names)
     if len(pairing.paired) < _FEWEST_IMAGES:
         raise InputDataError(
@@ -245,10 +246,10 @@ def read_model_inputs(
     return inputs, only(model, pairing.paired)
 
 
-def _robot_poses(poses: PosesSource, options: Options) -> RobotPoses:
+def _robot_poses(poses: PosesSource, options: Options, images: Sequence[str]) -> RobotPoses:
     """The poses in the form of the equations: for eye-to-hand their inverses."""
     if isinstance(poses, str | Path):
-        poses = read_poses(Path(poses))
+        poses = open_poses(poses, options.poses, images).poses()
     elif not isinstance(poses, RobotPoses):
         poses = poses_from_mapping(poses)
     if options.setup == "eye-in-hand":

@@ -15,6 +15,62 @@ if TYPE_CHECKING:
 Intrinsics = Literal["auto", "fixed", "prior", "free"]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 CameraNoise = Literal["auto", "independent", "odometry"]
+PoseFormatName = Literal[
+    "auto",
+    "csv",
+    "tum",
+    "kitti",
+    "euroc",
+    "eth",
+    "kinhec",
+    "ros",
+    "ur",
+    "abb",
+    "kuka",
+    "fanuc",
+    "yaskawa",
+    "kawasaki",
+    "mitsubishi",
+    "franka",
+    "matrix",
+    "zivid",
+    "visp",
+    "moveit",
+    "robot-cal-tools",
+]
+RotationKind = Literal[
+    "auto",
+    "xyzw",
+    "wxyz",
+    "rotation-vector",
+    "matrix",
+    "matrix-transposed",
+    "XYZ",
+    "XZY",
+    "YXZ",
+    "YZX",
+    "ZXY",
+    "ZYX",
+    "XYX",
+    "XZX",
+    "YXY",
+    "YZY",
+    "ZXZ",
+    "ZYZ",
+    "xyz",
+    "xzy",
+    "yxz",
+    "yzx",
+    "zxy",
+    "zyx",
+    "xyx",
+    "xzx",
+    "yxy",
+    "yzy",
+    "zxz",
+    "zyz",
+]
+PairBy = Literal["auto", "name", "time", "nearest-time", "number", "order"]
 MethodName = Literal[
     "andreff_scale",
     "andreff",
@@ -42,6 +98,37 @@ class SfmOptions:
             raise ValueError(f"sfm.max_features is {self.max_features}, but must be 1 or more")
         if self.threads < 0:
             raise ValueError(f"sfm.threads is {self.threads}, but must be 0 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseFileOptions:
+    """How a file of poses is to be read."""
+
+    format: Annotated[PoseFormatName, tyro.conf.arg(name="pose-format")] = "auto"
+    """Format of the poses; auto: recognised, and refused where several fit."""
+    units: Literal["auto", "m", "mm"] = "auto"
+    """Unit of the positions; auto: what the file says, else the format's."""
+    angles: Literal["auto", "deg", "rad"] = "auto"
+    """Unit of angles and rotation vectors; auto: what the file says, else the format's."""
+    rotation: Annotated[RotationKind, tyro.conf.arg(metavar="KIND")] = "auto"
+    """What the numbers of the rotation mean, if not what the format says: xyzw or wxyz (quaternions),
+    rotation-vector, matrix, matrix-transposed, or three axes: ZYX for angles about axes that turn along
+    and xyz about axes that stay."""
+    inverted: tyro.conf.FlagCreatePairsOff[bool] = False
+    """The file holds the inverse: the pose of the base in the gripper."""
+    pair_by: PairBy = "auto"
+    """How poses find their images. By name: the image's name in the file. By the time in the image's name
+    (time interpolates, nearest-time takes the nearest pose, for an arm that stood still). By number: that in
+    the image's name is the time, or else counts the poses from 0. By order: sorted images and poses one by
+    one, as many of each. auto: by name or time, never by number or order."""
+    time_tolerance_s: float = 0.1
+    """An image in time has its pose between two poses that are both this near, or near one."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.time_tolerance_s < math.inf:
+            raise ValueError(
+                f"time_tolerance_s is {self.time_tolerance_s}, but must be a positive number of seconds"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -332,6 +419,9 @@ class Options:
     images, in metres: distance a.jpg b.jpg 0.250 0.0001. How right the camera file is: intrinsics
     FOCAL_PERCENT CENTRE_PX. For poses or a model that exist already, the unit
     of their world: scale METRES_PER_WORLD_UNIT STD."""
+    poses: Annotated[PoseFileOptions, tyro.conf.arg(name="")] = field(
+        default_factory=PoseFileOptions
+    )
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)

@@ -58,20 +58,36 @@ def read_text(path: Path, what: str, *, may_be_empty: bool = False) -> str:
         InputDataError: the file is missing, unreadable, empty or not text.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
     except FileNotFoundError as error:
         raise InputDataError(f"{what} {path}: no such file; check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputDataError(
-            f"{what} {path}: byte {error.start} is not UTF-8 text; save the file as UTF-8"
-        ) from error
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise InputDataError(f"{what} {path}: cannot be read ({error}); check the path") from error
+    return decode_text(data, f"{what} {path}", may_be_empty=may_be_empty)
+
+
+def decode_text(data: bytes, where: str, *, may_be_empty: bool = False) -> str:
+    r"""The text of a UTF-8 file's content, line ends as ``\n``.
+
+    Args:
+        data: the content, with or without a byte order mark.
+        where: the start of an error message.
+        may_be_empty: whether no content is accepted.
+
+    Raises:
+        InputDataError: it is empty or no text.
+    """
+    try:
+        text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise InputDataError(
+            f"{where}: byte {error.start} is not UTF-8 text; save the file as UTF-8"
+        ) from error
     if "\0" in text:
         raise InputDataError(
-            f"{what} {path}: character {text.index(chr(0))} is a null byte, so this is no text"
+            f"{where}: character {text.index(chr(0))} is a null byte, so this is no text"
             " file; give the text file itself"
         )
     if not may_be_empty and not text.strip():
-        raise InputDataError(f"{what} {path}: the file is empty; write its content first")
+        raise InputDataError(f"{where}: the file is empty; write its content first")
     return text

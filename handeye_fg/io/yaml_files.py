@@ -1,8 +1,9 @@
-"""YAML files of other programs and of users, read as plain data; entry point ``read_yaml``."""
+"""YAML of other programs and of users, read as plain data; entry points ``read_yaml``, ``parse_yaml``."""
 
 import re
 from collections.abc import Hashable
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -11,7 +12,11 @@ from handeye_fg.io.fields import Fields, reason, shown
 from handeye_fg.io.files import read_text
 
 _LARGEST_FILE = 100_000  # characters; a camera or target file has some hundred
+_DEEPEST = 50  # levels of nesting
 _YAML = "tag:yaml.org,2002:"
+_SafeLoader: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # ten times faster where there is libyaml
 
 # What PyYAML raises on malformed text and on tags that do not suit their value.
 _MALFORMED = (
@@ -25,14 +30,8 @@ _MALFORMED = (
 )
 
 
-class _Loader(yaml.SafeLoader):
-    """Plain data only: no aliases, which could grow without bound, and no double keys."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node that is no alias."""
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.constructor.ConstructorError(None, None, "aliases are not supported")
-        return super().compose_node(parent, index)
+class _Loader(_SafeLoader):  # type: ignore[misc]  # one of two classes
+    """Plain data only, without double keys."""
 
     def construct_plain(self, node: yaml.Node) -> dict[Hashable, object]:
         """A mapping, of whatever tag, without double keys."""
@@ -78,12 +77,7 @@ def read_yaml(path: Path, what: str, wanted: str, remedy: str) -> Fields:
         )
     if text.startswith("%YAML"):  # OpenCV's header is not always valid YAML
         text = text[text.find("\n") :] if "\n" in text else ""
-    try:
-        documents = [d for d in yaml.load_all(text, Loader=_Loader) if d is not None]
-    except _MALFORMED as error:
-        raise InputDataError(
-            f"{what} {path}: not valid YAML ({reason(error)}); {remedy}"
-        ) from error
+    documents = parse_yaml(text, f"{what} {path}", remedy)
     if len(documents) != 1 or not isinstance(documents[0], dict):
         found = shown(documents[0]) if len(documents) == 1 else f"{len(documents)} documents"
         raise InputDataError(
@@ -91,3 +85,33 @@ def read_yaml(path: Path, what: str, wanted: str, remedy: str) -> Fields:
         )
     values = {str(key): value for key, value in documents[0].items()}
     return Fields(where=f"{what} {path}", remedy=remedy, values=values)
+
+
+def parse_yaml(text: str, where: str, remedy: str) -> list[object]:
+    """The documents of a YAML text that hold something.
+
+    Args:
+        text: the YAML; aliases, which could grow without bound, and deep nesting are refused.
+        where: the start of an error message.
+        remedy: what to do about an error, as the end of a message.
+
+    Raises:
+        InputDataError: it is not YAML, or not plain data.
+    """
+    try:
+        _check_events(text)
+        return [d for d in yaml.load_all(text, Loader=_Loader) if d is not None]
+    except _MALFORMED as error:
+        raise InputDataError(f"{where}: not valid YAML ({reason(error)}); {remedy}") from error
+
+
+def _check_events(text: str) -> None:
+    """Refuse aliases and deep nesting before anything is built."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.constructor.ConstructorError(None, None, "aliases are not supported")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError(f"nested deeper than {_DEEPEST} levels")

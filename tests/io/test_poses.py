@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp, pose
-from handeye_fg.io.poses import COLUMNS, poses_from_mapping, read_poses
+from handeye_fg.io.poses import FORMATS, poses_from_mapping, read_poses
 
 quick = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -37,7 +37,7 @@ def written(folder: Path, text: str | bytes) -> Path:
     st.dictionaries(
         names, st.tuples(st.tuples(coordinates, coordinates, coordinates), rotations), min_size=1
     ),
-    st.permutations(COLUMNS),
+    st.permutations(FORMATS["csv"].columns),
     st.sampled_from(["\n", "\r\n"]),
     st.booleans(),
 )
@@ -49,7 +49,9 @@ def test_round_trip(
     table.writeheader()
     for name, (position, vector) in rows.items():
         numbers = [*position, *Rotation.from_rotvec(vector).as_quat()]
-        table.writerow(dict(zip(COLUMNS, [name, *map(repr, map(float, numbers))], strict=True)))
+        table.writerow(
+            dict(zip(FORMATS["csv"].columns, [name, *map(repr, map(float, numbers))], strict=True))
+        )
     poses = read_poses(written(tmp_path, ("\ufeff" if mark else "") + buffer.getvalue()))
     assert poses.names == tuple(rows)
     for matrix, (position, vector) in zip(poses.base_T_gripper, rows.values(), strict=True):
@@ -87,9 +89,11 @@ def test_rounded_quaternions_are_normalised(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "the file is empty"),
-        ("\nimage,x", "line 1: the line is blank"),
+        ("\n\nimage,x", "no row after the header"),
+        ("# a\n% b", "there are only comments"),
         ("image,x,y,z,qx,qy,qz\na,1,2,3,0,0,0", "line 1: column qw is missing; found 'image,x,y"),
-        ("image;x;y;z;qx;qy;qz;qw\n", "line 1: column image is missing; found 'image;x;y"),
+        ("image;x;y;z;qx;qy;qz;qw\n", "no row after the header"),
+        ("\n# made by hand\nimage;x;y\na;1;2", "line 3: column z is missing; found 'image,x,y'"),
         (f"{HEADER},x\n{ROW},9", "line 1: column x occurs more than once"),
         (HEADER, "no row after the header"),
         (f"{HEADER}\n{ROW}\n\n{ROW}", "line 4, column image: 'a.png' is already in line 2"),
@@ -103,8 +107,8 @@ def test_rounded_quaternions_are_normalised(tmp_path: Path) -> None:
         (f"{HEADER}\nb.png,1,2,3,0,0,0,1.01", "line 2, .*qw: the quaternion's norm is 1.01,"),
         (f"{HEADER}\nb.png,1,2,3,0,0,0,0", "line 2, .*qw: the quaternion's norm is 0,"),
         (f"{HEADER}\nb.png,1,2,3,0,0,1e308,1e308", "line 2, .*qw: the quaternion's norm is "),
-        (f"{HEADER}\n{ROW},4", "line 2: found 9 fields, but the header has 8"),
-        (f'{HEADER}\n"{ROW}', "not a CSV table .*close the quotes"),
+        (f"{HEADER}\n{ROW},4", "line 2: found 9 fields, but line 1 has 8"),
+        (f'{HEADER}\n"{ROW}', "not a table .*close the quotes"),
         (f"{HEADER}\n ,1,2,3,0,0,0,1", "line 2, column image: '' is no image name"),
         (f"{HEADER}\n/a.png,1,2,3,0,0,0,1", "line 2, column image: '/a.png' leads out"),
         (f"{HEADER}\n../a.png,1,2,3,0,0,0,1", r"column image: '\.\./a.png' leads out"),
