@@ -17,6 +17,8 @@ if TYPE_CHECKING:
         ReconstructionError,
         UnobservableError,
     )
+    from handeye_fg.export_options import ExportOptions
+    from handeye_fg.exporting import export
     from handeye_fg.from_model import refine
     from handeye_fg.from_poses import solve
     from handeye_fg.io.poses import read_poses
@@ -41,6 +43,7 @@ __all__ = [
     "CameraPrior",
     "ConvergenceError",
     "DistancePrior",
+    "ExportOptions",
     "GraphOptions",
     "HandEyeError",
     "InputDataError",
@@ -56,6 +59,7 @@ __all__ = [
     "SfmOptions",
     "UnobservableError",
     "calibrate",
+    "export",
     "load_result",
     "read_poses",
     "refine",
@@ -63,8 +67,10 @@ __all__ = [
 ]
 
 _HOME = {
+    "ExportOptions": "export_options",
     "Result": "io.results",
     "calibrate": "pipeline",
+    "export": "exporting",
     "load_result": "io.result_reader",
     "read_poses": "io.poses",
     "refine": "from_model",

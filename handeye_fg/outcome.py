@@ -148,8 +148,8 @@ def _images(
     model: SfmModel, inputs: Inputs, final: Refinement, setup: Setup
 ) -> tuple[ImageReport, ...]:
     """One report for each image and each pose of the input, by name."""
-    base_T_camera = final.base_T_camera
-    if setup == "eye-to-hand":  # the cameras stand still: X is the pose in every image
+    base_T_camera, moving = final.base_T_camera, setup == "eye-to-hand"
+    if moving:  # the cameras stand still: X is the pose in every image
         base_T_camera = final.state.gripper_T_cameras[final.state.rig.camera]
     reports = [
         ImageReport(
@@ -164,6 +164,7 @@ def _images(
             influence_rotation=_known(np.linalg.norm(final.influence[pose, :3])),
             influence_translation=_known(np.linalg.norm(final.influence[pose, 3:])),
             reason=_LEFT_OUT if final.outliers[pose] else "",
+            gripper_T_camera=final.base_T_camera[i] if moving else None,
         )
         for i, (name, pose) in enumerate(zip(model.names, final.state.rig.pose, strict=True))
     ]

@@ -65,10 +65,13 @@ def row_reports(pairs: NamedPairs, answer: Answer, setup: Setup) -> tuple[ImageR
     scale, trusted = answer.metres_per_world_unit, answer.trusted
     angles, distances = row_residuals(pairs.data, X, scale, Z)
     base_T_camera: list[Array | None] = [None] * len(trusted)
+    gripper_T_camera = list(base_T_camera)
     if isinstance(pairs.data, PosePairs) and Z is not None:
-        placed = Z @ scaled(pairs.data.world_T_camera, scale)
-        # For eye-to-hand the camera stands still: X is its pose in every row.
-        base_T_camera = list(placed) if setup == "eye-in-hand" else [X] * len(trusted)
+        placed: list[Array | None] = list(Z @ scaled(pairs.data.world_T_camera, scale))
+        if setup == "eye-in-hand":
+            base_T_camera = placed
+        else:  # the camera stands still: X is its pose in every row
+            base_T_camera, gripper_T_camera = [X] * len(trusted), placed
     weights = np.asarray(pairs.data.weights)
     reports = [
         ImageReport(
@@ -81,6 +84,7 @@ def row_reports(pairs: NamedPairs, answer: Answer, setup: Setup) -> tuple[ImageR
             reason=_reason(float(weights[i]), float(angles[i]), float(distances[i]))
             if not trusted[i]
             else "",
+            gripper_T_camera=gripper_T_camera[i],
         )
         for i, name in enumerate(pairs.names)
     ]

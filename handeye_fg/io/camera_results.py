@@ -8,6 +8,7 @@ import numpy as np
 
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.checks import check_finite, set_array, set_pose
+from handeye_fg.io.direction import direction as direction_of
 from handeye_fg.io.other_intrinsics import offset_document, other_document
 from handeye_fg.observability import free_lean
 from handeye_fg.types import CameraModel, FocalOffset, FreeDirection, OtherIntrinsics
@@ -164,10 +165,7 @@ def calibration_document(result: Calibrated, parent: str) -> Document:
     return {
         "parent": parent,
         "child": "camera",
-        "sentence": (
-            f"Put a point given in camera coordinates into {parent} coordinates:"
-            f" p_{parent} = {parent}_T_camera p_camera."
-        ),
+        "sentence": direction_of(result.matrix, parent),
         **_pose_document(result.matrix, result.covariance),
         "std_rotation_deg": list(std_rotation_deg(result)),
         "std_translation_mm": list(std_translation_mm(result)),

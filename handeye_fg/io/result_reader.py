@@ -276,6 +276,9 @@ def _image(fields: Fields) -> ImageReport:
         influence_rotation=_radians(fields, "influence_rotation_deg"),
         influence_translation=_metres(fields, "influence_translation_mm"),
         reason=fields.text("reason"),
+        gripper_T_camera=fields.array("gripper_T_camera", (4, 4))
+        if "gripper_T_camera" in fields.values
+        else None,
     )
 
 

@@ -14,6 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Literal, cast
 
+from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array
 from handeye_fg.io.camera_results import (
     CameraReport,
@@ -72,6 +73,8 @@ class ImageReport:
         influence_rotation, influence_translation: how far X would move without this robot pose,
             radians and metres; None where it is not used, or X is not determined without it.
         reason: why it is unregistered, left out or an outlier; "" otherwise.
+        gripper_T_camera: for eye-to-hand, where the object moves with the gripper, the camera's refined
+            pose in it (4, 4), metres; None for eye-in-hand, where it is X in every image.
     """
 
     name: str
@@ -85,10 +88,12 @@ class ImageReport:
     influence_rotation: float | None = None
     influence_translation: float | None = None
     reason: str = ""
+    gripper_T_camera: Array | None = None
 
     def __post_init__(self) -> None:
-        if self.base_T_camera is not None:
-            set_pose(self, "base_T_camera")
+        for name in ("base_T_camera", "gripper_T_camera"):
+            if getattr(self, name) is not None:
+                set_pose(self, name)
         for name in _FIGURES_OF_IMAGES:
             if getattr(self, name) is not None:
                 check_finite(self, name)
@@ -249,6 +254,21 @@ class Result:
         """
         return write_atomic(Path(folder) / FILE_NAME, to_json(to_document(self)))
 
+    def export(self, form: str, options: ExportOptions | None = None) -> str:
+        """X in the form that another program reads, as text.
+
+        Args:
+            form: a format of text, such as "ros2" or "urdf"; ``handeye_fg.export`` lists them, writes files, and
+                has the COLMAP model, which is no text.
+            options: names of frames; None: defaults.
+
+        Raises:
+            InputDataError: there is no such format, or it cannot hold this result.
+        """
+        from handeye_fg.io.exports import export_text  # noqa: PLC0415  # exports are made of results
+
+        return export_text(self, form, options)
+
 
 def parent_frame(setup: Setup) -> Literal["gripper", "base"]:
     """The parent frame of X."""
@@ -372,6 +392,11 @@ def _image_document(image: ImageReport) -> Document:
         "influence_rotation_deg": _degrees(image.influence_rotation),
         "influence_translation_mm": _millimetres(image.influence_translation),
         "reason": image.reason,
+        **(
+            {}
+            if image.gripper_T_camera is None
+            else {"gripper_T_camera": nested(image.gripper_T_camera)}
+        ),
     }
 
 

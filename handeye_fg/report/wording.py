@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from handeye_fg.frames import Array
 from handeye_fg.io.certainty import CertaintyReport
+from handeye_fg.io.direction import direction as direction_of
 from handeye_fg.io.results import Result, TargetSummary, parent_frame
 
 MISSING = "—"
@@ -40,12 +41,8 @@ def meaning(result: Result) -> str:
 
 
 def direction(result: Result) -> str:
-    """One sentence on which way X maps points."""
-    frame = parent_frame(result.setup)
-    return (
-        f"Put a point given in camera coordinates into {frame} coordinates: "
-        f"p_{frame} = {transform_name(result)} p_camera."
-    )
+    """One sentence on which way X maps points, with a worked number."""
+    return direction_of(result.matrix, parent_frame(result.setup))
 
 
 def parameter_names(model: str, n: int) -> tuple[str, ...]:

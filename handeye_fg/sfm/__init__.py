@@ -1,13 +1,22 @@
 """Structure from motion by COLMAP; the only package that touches pycolmap.
 
-Entry points: ``reconstruct`` (images to a model), ``complete`` (images that it left out), ``from_tracks`` (given image points to a model) and
-``read_model`` (an existing COLMAP model).
+Entry points: ``reconstruct`` (images to a model), ``complete`` (images that it left out), ``from_tracks`` (given image points to a model),
+``read_model`` (an existing COLMAP model) and ``write_metric`` (a model in metres for others).
 """
 
 from handeye_fg.sfm.completion import complete
+from handeye_fg.sfm.metric import write_metric
 from handeye_fg.sfm.model import ModelSource, read_model
 from handeye_fg.sfm.native import set_verbosity
 from handeye_fg.sfm.reconstruct import reconstruct
 from handeye_fg.sfm.tracks import from_tracks
 
-__all__ = ["ModelSource", "complete", "from_tracks", "read_model", "reconstruct", "set_verbosity"]
+__all__ = [
+    "ModelSource",
+    "complete",
+    "from_tracks",
+    "read_model",
+    "reconstruct",
+    "set_verbosity",
+    "write_metric",
+]

@@ -37,8 +37,17 @@ def read_model(source: ModelSource) -> SfmModel:
             cameras.
         ReconstructionError: fewer than 3 images are registered, or there are no points.
     """
+    return to_sfm_model(opened(source))
+
+
+def opened(source: ModelSource) -> pycolmap.Reconstruction:
+    """The reconstruction, read where it is given as a folder.
+
+    Raises:
+        InputDataError: the folder holds no readable model.
+    """
     if isinstance(source, pycolmap.Reconstruction):
-        return to_sfm_model(source)
+        return source
     folder = Path(source)
     if not folder.is_dir():
         raise InputDataError(
@@ -46,13 +55,12 @@ def read_model(source: ModelSource) -> SfmModel:
             "images.bin and points3D.bin (or .txt)"
         )
     try:
-        reconstruction = pycolmap.Reconstruction(folder)
+        return pycolmap.Reconstruction(folder)
     except (RuntimeError, ValueError, LookupError, OSError) as error:
         raise InputDataError(
             f"COLMAP model {folder}: cannot be read ({error}); give the folder that holds "
             "cameras.bin, images.bin and points3D.bin (or .txt), often sparse/0"
         ) from error
-    return to_sfm_model(reconstruction)
 
 
 def to_camera_model(camera: pycolmap.Camera) -> CameraModel:
@@ -83,7 +91,7 @@ def to_sfm_model(
     tracks, mean_reprojection_px = _tracks(reconstruction, images)
     return SfmModel(
         names=tuple(image.name for image in images),
-        world_T_camera=np.stack([_world_T_camera(image) for image in images]),
+        world_T_camera=np.stack([world_T_camera(image) for image in images]),
         cameras=tuple(to_camera_model(reconstruction.cameras[i]) for i in camera_ids),
         image_camera=np.array([camera_ids.index(image.camera_id) for image in images]),
         tracks=tracks,
@@ -118,7 +126,8 @@ def too_few(registered: int, total: int) -> str:
     )
 
 
-def _world_T_camera(image: pycolmap.Image) -> Array:
+def world_T_camera(image: pycolmap.Image) -> Array:
+    """The pose (4, 4) of a registered image."""
     camera_T_world = np.eye(4)
     camera_T_world[:3] = image.cam_from_world().matrix()
     return frames.inverse(camera_T_world)

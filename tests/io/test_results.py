@@ -255,13 +255,21 @@ def test_figures_carry_the_units_of_their_names(result: Result) -> None:
 def test_the_sentence_names_the_frames(result: Result, changed: Callable[..., Result]) -> None:
     calibration: Any = to_document(result)["calibration"]
     assert (calibration["parent"], calibration["child"]) == ("gripper", "camera")
-    assert calibration["sentence"] == (
+    assert calibration["sentence"].startswith(
         "Put a point given in camera coordinates into gripper coordinates:"
-        " p_gripper = gripper_T_camera p_camera."
+        " p_gripper = gripper_T_camera p_camera; the point 0.5 m in front of the camera, (0, 0, 0.5), is at ("
+    )
+    numbers = re.search(r"is at \((.*)\) m in the gripper frame.$", calibration["sentence"])
+    assert numbers is not None
+    np.testing.assert_allclose(
+        [float(number) for number in numbers[1].split(", ")],
+        result.matrix[:3, 3] + 0.5 * result.matrix[:3, 2],
+        atol=5e-7,
     )
     calibration = to_document(changed(setup="eye-to-hand"))["calibration"]
     assert calibration["parent"] == "base"
-    assert calibration["sentence"].endswith("p_base = base_T_camera p_camera.")
+    assert "into base coordinates: p_base = base_T_camera p_camera;" in calibration["sentence"]
+    assert calibration["sentence"].endswith("m in the base frame.")
 
 
 def test_free_components_have_no_standard_deviation(partial: Result) -> None:

@@ -123,7 +123,7 @@ def test_page_says_what_a_person_needs(result: Result) -> None:
     for words in (
         "OK.</span> All six components of X are determined.",
         "Put a point given in camera coordinates into gripper coordinates: p_gripper =",
-        "p_gripper = gripper_T_camera p_camera.",
+        "p_gripper = gripper_T_camera p_camera; the point 0.5 m in front of the camera",
         "right perturbation in the camera frame",
         "0.0286 deg (95 %: ± 0.0688 deg)",
         "0.410 mm (95 %: ± 0.900 mm)",
@@ -255,7 +255,7 @@ def test_summary_in_the_terminal(result: Result, tmp_path: Path) -> None:
         "noise estimated  pixel 0.43 px, robot 0.0286 deg and 0.3 mm per axis",
         "17 of 18 registered, 1 robot pose rejected",
         "undetermined     nothing",
-        "p_gripper = gripper_T_camera p_camera.",
+        "p_gripper = gripper_T_camera p_camera; the point 0.5 m in front of the camera",
         f"Report: {tmp_path / 'report.html'}",
     ):
         assert words in text, words
