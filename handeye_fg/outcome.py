@@ -281,6 +281,11 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
             f"{100.0 * model.static_share:.0f} % of the features stayed at their pixel while the robot "
             f"turned ({_STATIC[setup]}) and were left out; masks would tell better what to leave out."
         )
+    if model.by_robot:
+        parts.append(
+            f"{model.by_robot} of the images, which too few matches join to the others, were placed with the "
+            "help of the robot's poses."
+        )
     if scene.board is not None:
         parts.append(f"The target was found in {len(scene.board.names)} of them.")
     if view.scale_note:

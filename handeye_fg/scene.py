@@ -5,26 +5,22 @@ from pathlib import Path
 
 import numpy as np
 
-from handeye_fg import frames, sfm
-from handeye_fg.errors import HandEyeError, ReconstructionError
+from handeye_fg import sfm
+from handeye_fg.errors import ReconstructionError
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
+from handeye_fg.joining import joined
 from handeye_fg.looks import flaws
 from handeye_fg.options import Options
 from handeye_fg.parts import only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
-from handeye_fg.solvers import linear_start
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
-from handeye_fg.types import CameraModel, KnownPoints, LinearStart, SfmModel, folders_of
+from handeye_fg.types import CameraModel, KnownPoints, SfmModel
 
 _FEWEST_IMAGES = 3
 # Of the median image's points: less is few.
 _FEW_POINTS = 0.25
-# A linear start of so many images whose residuals (radians; part of the cameras' extent) are no larger
-# places further cameras to some pixels.
-_FEWEST_TO_COMPLETE = 5
-_SURE_ROTATION, _SURE_TRANSLATION = np.deg2rad(1.0), 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +101,7 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
         progress=progress,
         turns=inputs.turns(inputs.names, options.setup),
     )
-    return _judged(_completed(model, inputs, folder), inputs)
+    return _judged(joined(model, inputs, folder), inputs)
 
 
 def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
@@ -130,33 +126,3 @@ def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
     )
     kept = only(model, [name for name in model.names if name not in weak])
     return replace(kept, unregistered=(*unregistered, *weak.items()))
-
-
-def _completed(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
-    """The model with the images that it left out, where robot and matches agree on where they were."""
-    missing = [name for name, _ in model.unregistered]
-    if not missing or len(folders_of(inputs.names)) > 1:  # X is of one camera
-        return model
-    reported = inputs.robot_poses(model.names)
-    try:
-        linear = linear_start(reported, model.world_T_camera)
-    except HandEyeError:
-        return model
-    Z, scale = linear.base_T_world, linear.metres_per_world_unit
-    if Z is None or not _sure(linear, model):
-        return model
-    base_T_camera = inputs.robot_poses(missing) @ linear.gripper_T_camera
-    expected = frames.scaled(frames.inverse(Z) @ base_T_camera, 1.0 / scale)
-    return sfm.complete(folder, model, dict(zip(missing, expected, strict=True)))
-
-
-def _sure(linear: LinearStart, model: SfmModel) -> bool:
-    """Whether a linear start can say where further cameras were."""
-    centres = linear.metres_per_world_unit * model.world_T_camera[:, :3, 3]
-    extent = float(np.sqrt(np.sum(np.var(centres, axis=0))))
-    return (
-        linear.method == "andreff_scale"
-        and len(model.names) >= _FEWEST_TO_COMPLETE
-        and linear.residual_rotation < _SURE_ROTATION
-        and linear.residual_translation < _SURE_TRANSLATION * extent
-    )

@@ -4,6 +4,7 @@ It needs no scale, no translations and no X, so that it can tell right camera mo
 before anything is calibrated; entry points ``agreement`` and ``require_setup``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -100,10 +101,22 @@ def agreement(robot: Array, camera: Array, seed: int = 0, within: float = _WITHI
     return Agreement(agrees=best, significant=telling > _HANDFUL + _CHANCE * len(likely))
 
 
-def pose_agreement(robot: RobotTurns, world_R_camera: Array, seed: int = 0) -> float:
-    """Part of the pairs of poses whose turns agree, from camera orientations (n, 3, 3)."""
-    i, j = _pairs(len(world_R_camera), seed)
-    camera = np.swapaxes(world_R_camera[i], 1, 2) @ world_R_camera[j]
+def pose_agreement(
+    robot: RobotTurns, fragments: Sequence[tuple[Indices, Array]], seed: int = 0
+) -> float:
+    """Part of the pairs of poses in a fragment whose turns agree, all with one R_X.
+
+    Args:
+        robot: the robot's turns.
+        fragments: for each the instants (n,) and the camera poses (n, 4, 4) in a world of its own.
+        seed: of the samples.
+    """
+    found = [_pairs(len(rows), seed) for rows, _ in fragments]
+    within = list(zip(fragments, found, strict=True))
+    i, j = (np.concatenate([rows[pair[k]] for (rows, _), pair in within]) for k in (0, 1))
+    camera = np.concatenate(
+        [np.swapaxes(poses[i, :3, :3], 1, 2) @ poses[j, :3, :3] for (_, poses), (i, j) in within]
+    )
     return float(np.mean(agreement(robot.between(i, j), camera, seed).agrees))
 
 

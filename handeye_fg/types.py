@@ -140,6 +140,23 @@ class Rig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fragment:
+    """Images that hang together, in a world of their own: its frame and unit are no other's.
+
+    Attributes:
+        names: names (n,) of the images.
+        world_T_camera: camera poses (n, 4, 4).
+    """
+
+    names: tuple[str, ...]
+    world_T_camera: Array
+
+    def __post_init__(self) -> None:
+        poses = frozen_array(self.world_T_camera, (len(self.names), 4, 4), "world_T_camera")
+        object.__setattr__(self, "world_T_camera", poses)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SfmModel:
     """A reconstruction up to a similarity: the registered images only.
 
@@ -153,6 +170,8 @@ class SfmModel:
         unregistered: (image name, reason) of the images that were read but have no pose.
         static_share: part of the features that stayed at their pixel while the robot turned; they were
             left out.
+        fragments: what hangs together of the images without pose, largest first.
+        by_robot: number of images that were joined to the others through the robot's poses.
     """
 
     names: tuple[str, ...]
@@ -163,6 +182,8 @@ class SfmModel:
     mean_reprojection_px: float
     unregistered: tuple[tuple[str, str], ...]
     static_share: float = 0.0
+    fragments: tuple[Fragment, ...] = ()
+    by_robot: int = 0
 
     def __post_init__(self) -> None:
         n = len(self.names)

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import ConvergenceError, InputDataError
+from handeye_fg.frames import pose
 from handeye_fg.simulate import simulate_poses
 from handeye_fg.turns import (
     RobotTurns,
@@ -57,7 +58,7 @@ def test_the_wrong_setup_is_refused_with_both_counts(setup: str) -> None:
     reported, camera, _ = simulate_poses(np.random.default_rng(1), n_poses=10)
     right = RobotTurns(rotations=reported[:, :3, :3], setup=setup)
     require_same_turns(right, camera[:, :3, :3])
-    assert pose_agreement(right, camera[:, :3, :3]) == pytest.approx(1.0)
+    assert pose_agreement(right, [(np.arange(10), camera)]) == pytest.approx(1.0)
     wrong = right.inverted()
     assert wrong.setup == other
     with pytest.raises(
@@ -79,7 +80,7 @@ def test_wrong_rows_accuse_nobody() -> None:
     reported[:6] = reported[[1, 2, 3, 4, 5, 0]]
     turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
     require_same_turns(turns, camera[:, :3, :3])
-    assert 0.4 < pose_agreement(turns, camera[:, :3, :3]) < 0.6  # (14 / 20)^2
+    assert 0.4 < pose_agreement(turns, [(np.arange(20), camera)]) < 0.6  # (14 / 20)^2
 
 
 def test_no_turns_accuse_nobody() -> None:
@@ -99,3 +100,16 @@ def test_poses_that_have_nothing_in_common_are_refused() -> None:
     )
     still = RobotTurns(rotations=np.tile(np.eye(3), (12, 1, 1)), setup="eye-in-hand")
     require_same_turns(still, random_turns(rng, 12))
+
+
+def test_worlds_of_their_own_turn_with_one_mounting() -> None:
+    reported, camera, _ = simulate_poses(np.random.default_rng(6), n_poses=12)
+    turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
+    halves = np.arange(5), np.arange(5, 12)
+    elsewhere = pose(random_turns(np.random.default_rng(7), 1)[0], np.zeros(3))
+    moved = elsewhere @ camera[halves[1]]
+    apart = [(halves[0], camera[halves[0]]), (halves[1], moved)]
+    assert pose_agreement(turns, apart) == pytest.approx(1.0)
+    falsely_one = np.concatenate([camera[halves[0]], moved])
+    # 31 of 66 pairs are within a half.
+    assert pose_agreement(turns, [(np.arange(12), falsely_one)]) == pytest.approx(31 / 66, abs=0.1)

@@ -9,16 +9,17 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import mkdtemp
 
+import numpy as np
 import pycolmap
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import CameraModel, SfmModel
+from handeye_fg.types import CameraModel, Fragment, SfmModel
 
 # Raised whenever the settings in this package change, so that older models are not reused.
-RECIPE = 3
+RECIPE = 4
 DATABASE = "database.db"
 _INPUTS = "inputs.json"
 
@@ -78,10 +79,15 @@ def stored_model(folder: Path, digest: str) -> SfmModel | None:
             return None
         unregistered = tuple((str(name), str(reason)) for name, reason in stored["unregistered"])
         static_share = float(stored["static_share"])
+        fragments = tuple(
+            Fragment(names=tuple(map(str, names)), world_T_camera=np.array(poses, dtype=float))
+            for names, poses in stored["fragments"]
+        )
         reconstruction = pycolmap.Reconstruction(folder)
     except (OSError, ValueError, LookupError, TypeError, RuntimeError):
         return None  # damaged or of another version: made again
-    return replace(to_sfm_model(reconstruction, unregistered), static_share=static_share)
+    model = to_sfm_model(reconstruction, unregistered)
+    return replace(model, static_share=static_share, fragments=fragments)
 
 
 def check_replaceable(folder: Path) -> None:
@@ -124,9 +130,8 @@ def publish(
     folder: Path,
     database: Path,
     reconstruction: pycolmap.Reconstruction,
-    unregistered: tuple[tuple[str, str], ...],
+    model: SfmModel,
     digest: str,
-    static_share: float = 0.0,
 ) -> None:
     """Put the model, its database and the digest of its inputs into the folder's place at once.
 
@@ -134,10 +139,9 @@ def publish(
         work: the staging folder.
         folder: what to replace.
         database: the model's database, within ``work``.
-        reconstruction: the model.
-        unregistered: (image name, reason) of the images without pose.
+        reconstruction: the model as COLMAP has it.
+        model: the same as we have it, with what COLMAP's files do not hold.
         digest: of the inputs.
-        static_share: part of the features that were left out because they are static.
 
     Raises:
         InputDataError: something cannot be written.
@@ -149,8 +153,9 @@ def publish(
         database.replace(finished / DATABASE)
         content = {
             "digest": digest,
-            "unregistered": unregistered,
-            "static_share": static_share,
+            "unregistered": model.unregistered,
+            "static_share": model.static_share,
+            "fragments": [[one.names, one.world_T_camera.tolist()] for one in model.fragments],
         }
         (finished / _INPUTS).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         if folder.exists():

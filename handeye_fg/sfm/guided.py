@@ -6,6 +6,7 @@ the camera turns as it does.
 """
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pycolmap
 from handeye_fg.frames import Array
 from handeye_fg.sfm.model import FEWEST_IMAGES
 from handeye_fg.turns import RobotTurns, agreement, pose_agreement, require_setup
-from handeye_fg.types import Indices
+from handeye_fg.types import Fragment, Indices
 
 # COLMAP's least number of inliers of a pair.
 _FEWEST_MATCHES = 15
@@ -115,13 +116,21 @@ def agreeing_pairs(database: Path, copy: Path, turns: RobotTurns, seed: int) -> 
     return True
 
 
-def model_agreement(reconstruction: pycolmap.Reconstruction | None, turns: RobotTurns) -> float:
-    """Part of all pairs of images that the model places so that the camera turned as the robot did."""
-    if reconstruction is None or reconstruction.num_reg_images() < FEWEST_IMAGES:
+def model_agreement(
+    fragments: Sequence[Fragment], names: Sequence[str], turns: RobotTurns
+) -> float:
+    """Part of all pairs of images that the fragments place so that the camera turned as the robot did.
+
+    Pairs of images in different fragments, which the robot can join, count as those in one do on average.
+
+    Args:
+        fragments: of one reconstruction.
+        names: names of all images, in the order of the turns.
+        turns: of the robot.
+    """
+    placed = {name for fragment in fragments for name in fragment.names}
+    if len(placed) < FEWEST_IMAGES:
         return 0.0
-    images = [reconstruction.images[i] for i in reconstruction.reg_image_ids()]
-    # COLMAP numbers the images from 1 on in the order of their names.
-    rows = np.array([image.image_id - 1 for image in images])
-    orientations = np.array([image.cam_from_world().rotation.matrix().T for image in images])
-    placed = len(rows) / len(turns.rotations)
-    return placed**2 * pose_agreement(turns.only(rows), orientations)
+    row = {name: k for k, name in enumerate(names)}
+    parts = [(np.array([row[n] for n in one.names]), one.world_T_camera) for one in fragments]
+    return (len(placed) / len(names)) ** 2 * pose_agreement(turns, parts)

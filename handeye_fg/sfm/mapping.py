@@ -63,7 +63,7 @@ def map_images(
     file_cameras: Mapping[str, CameraModel] | None,
     seed: int,
     progress: Progress,
-) -> pycolmap.Reconstruction | None:
+) -> list[pycolmap.Reconstruction]:
     """Reconstruct from the matches of a database.
 
     Args:
@@ -77,7 +77,7 @@ def map_images(
         progress: told "registered".
 
     Returns:
-        The largest acceptable model, or None.
+        The acceptable models, the largest first; they share few images or none.
 
     Raises:
         ReconstructionError: COLMAP failed.
@@ -111,11 +111,12 @@ def map_images(
         )
     finally:
         shutil.rmtree(attempt, ignore_errors=True)
-    best: pycolmap.Reconstruction | None = None
-    for index in sorted(models):
-        if file_cameras is None or keeps_near(models[index], file_cameras):
-            best = largest(best, models[index])
-    return best
+    acceptable = [
+        models[index]
+        for index in sorted(models)
+        if file_cameras is None or keeps_near(models[index], file_cameras)
+    ]
+    return sorted(acceptable, key=_size, reverse=True)
 
 
 def _pipeline_options(rung: Rung, seed: int) -> pycolmap.IncrementalPipelineOptions:

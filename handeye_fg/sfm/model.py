@@ -14,7 +14,7 @@ import pycolmap
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
-from handeye_fg.types import CameraModel, SfmModel, Tracks, folder_of, folders_of
+from handeye_fg.types import CameraModel, Fragment, SfmModel, Tracks, folder_of, folders_of
 
 ModelSource = pycolmap.Reconstruction | str | os.PathLike[str]
 """A reconstruction, or the folder of a COLMAP model in binary or text form."""
@@ -77,8 +77,7 @@ def to_sfm_model(
     reconstruction: pycolmap.Reconstruction, unregistered: tuple[tuple[str, str], ...] | None = None
 ) -> SfmModel:
     """Convert a reconstruction; ``unregistered``: None takes the images without pose from it."""
-    images = [reconstruction.images[i] for i in reconstruction.reg_image_ids()]
-    images.sort(key=lambda image: image.name)
+    images = _registered(reconstruction)
     if unregistered is None:
         unregistered = tuple(
             (image.name, "not registered in the model")
@@ -98,6 +97,21 @@ def to_sfm_model(
         mean_reprojection_px=mean_reprojection_px,
         unregistered=unregistered,
     )
+
+
+def to_fragment(reconstruction: pycolmap.Reconstruction) -> Fragment:
+    """The poses of a reconstruction that others stand beside."""
+    images = _registered(reconstruction)
+    return Fragment(
+        names=tuple(image.name for image in images),
+        world_T_camera=np.array([_world_T_camera(image) for image in images]).reshape(-1, 4, 4),
+    )
+
+
+def _registered(reconstruction: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    """The images that have a pose, in the order of their names."""
+    images = (reconstruction.images[i] for i in reconstruction.reg_image_ids())
+    return sorted(images, key=lambda image: image.name)
 
 
 def _cameras(images: list[pycolmap.Image]) -> list[int]:

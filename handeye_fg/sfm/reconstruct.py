@@ -29,10 +29,10 @@ from handeye_fg.sfm.features import (
 )
 from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
-from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
+from handeye_fg.sfm.model import FEWEST_IMAGES, to_fragment, to_sfm_model, too_few
 from handeye_fg.sfm.self_calibration import with_centre
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import CameraModel, SfmModel
+from handeye_fg.types import CameraModel, Fragment, SfmModel
 
 _log = logging.getLogger(__name__)
 
@@ -70,12 +70,13 @@ class _Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """The best model so far and the database it was made from."""
+    """The best model so far and the database it was made from; the poses of all models so far."""
 
     reconstruction: pycolmap.Reconstruction | None
     database: Path
     refined: bool = False
     static_share: float = 0.0
+    fragments: tuple[Fragment, ...] = ()
 
 
 def reconstruct(
@@ -157,15 +158,18 @@ def reconstruct(
             reconstruction = with_centre(reconstruction)
         unregistered = _unregistered(found, names)
         model = to_sfm_model(reconstruction, unregistered)
-        model = replace(model, static_share=found.static_share)
+        model = replace(
+            model,
+            static_share=found.static_share,
+            fragments=_apart(found.fragments, [name for name, _ in unregistered]),
+        )
         publish(
             work,
             folder,
             found.database,
             reconstruction,
-            unregistered,
+            model,
             digest,
-            found.static_share,
         )
     return model
 
@@ -196,11 +200,16 @@ def _climb(task: _Task, work: Path) -> _Found:
             best = _better(task, best, database, Rung(relaxed=True, refine=True))
         if last:
             return best
-        if n_registered(best.reconstruction) >= _ENOUGH * len(task.names) and not _thin(
-            best.reconstruction
-        ):
+        if _n_placed(task, best) >= _ENOUGH * len(task.names) and not _thin(best.reconstruction):
             return best
     return best
+
+
+def _n_placed(task: _Task, found: _Found) -> int:
+    """The number of images in the best model or, where the robot can join them to it, in others."""
+    if task.turns is None:
+        return n_registered(found.reconstruction)
+    return len({name for fragment in found.fragments for name in fragment.names})
 
 
 def _thin(reconstruction: pycolmap.Reconstruction | None) -> bool:
@@ -221,16 +230,20 @@ def _by_robot(task: _Task, found: _Found, work: Path) -> _Found:
     """The model of the pairs that agree with the robot, where that of all pairs contradicts it."""
     if task.turns is None:
         return found
-    agreement = model_agreement(found.reconstruction, task.turns)
+    main = [] if found.reconstruction is None else [to_fragment(found.reconstruction)]
+    agreement = model_agreement(main, task.names, task.turns)
     database = work / "agreeing.db"
     if agreement >= _AGREEMENT or not agreeing_pairs(
         found.database, database, task.turns, task.seed
     ):
         return found
     other = _better(
-        task, replace(found, reconstruction=None), database, Rung(relaxed=True, refine=task.refine)
+        task,
+        replace(found, reconstruction=None, fragments=()),
+        database,
+        Rung(relaxed=True, refine=task.refine),
     )
-    if model_agreement(other.reconstruction, task.turns) <= agreement:
+    if model_agreement(other.fragments, task.names, task.turns) <= agreement:
         return found
     return replace(other, database=found.database)  # with all pairs
 
@@ -266,7 +279,7 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
     if rung.refine and not task.refine and start is not None:
         with pycolmap.Database.open(database) as db:
             set_cameras(db, start)
-    reconstruction = map_images(
+    models = map_images(
         database,
         task.images,
         rung,
@@ -275,11 +288,25 @@ def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
         seed=task.seed,
         progress=task.progress,
     )
-    _log.info("%s: %d of %d images", rung, n_registered(reconstruction), len(task.names))
-    chosen = largest(best.reconstruction, reconstruction)
+    _log.info("%s: %s of %d images", rung, list(map(n_registered, models)), len(task.names))
+    best = replace(best, fragments=(*best.fragments, *map(to_fragment, models)))
+    chosen = largest(best.reconstruction, next(iter(models), None))
     if chosen is best.reconstruction:
         return best
     return replace(best, reconstruction=chosen, database=database, refined=rung.refine)
+
+
+def _apart(fragments: Sequence[Fragment], missing: Sequence[str]) -> tuple[Fragment, ...]:
+    """Of overlapping fragments those that together hold the most of the missing images."""
+    chosen: list[Fragment] = []
+    left = set(missing)
+    while fragments:
+        best = max(fragments, key=lambda fragment: len(left.intersection(fragment.names)))
+        if len(left.intersection(best.names)) < FEWEST_IMAGES:
+            break
+        left.difference_update(best.names)
+        chosen.append(best)
+    return tuple(chosen)
 
 
 def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str], ...]:

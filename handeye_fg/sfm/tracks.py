@@ -57,7 +57,7 @@ def from_tracks(
             "the verification of matches",
             lambda: None,
         )
-        found = map_images(
+        models = map_images(
             database,
             Path(folder),
             Rung(relaxed=True, refine=False),
@@ -66,6 +66,7 @@ def from_tracks(
             seed=seed,
             progress=progress,
         )
+        found = next(iter(models), None)
         if found is None or n_registered(found) < FEWEST_IMAGES:
             raise ReconstructionError(too_few(n_registered(found), len(names)))
         placed = {found.images[i].name for i in found.reg_image_ids()}

@@ -65,7 +65,7 @@ def andreff_scale(data: PosePairs | MotionPairs) -> Solution:
     pairs = with_weight(as_motions(data))
     require_motion(pairs)
     noise = max(NO_ROTATION, SIGNIFICANT * rotation_noise(pairs))
-    _require_two_axes(pairs, noise)
+    require_two_axes(pairs, noise)
     R_X = min(
         rotations_from_kronecker(pairs, noise),
         key=lambda R: translation_equations(pairs, R, np.eye(3))[2],
@@ -160,7 +160,7 @@ def rotation_noise(pairs: MotionPairs) -> float:
     return float(np.median(np.abs(angles_A - angles_B))) / NORMAL_MEDIAN
 
 
-def _require_two_axes(pairs: MotionPairs, noise: float) -> None:
+def require_two_axes(pairs: MotionPairs, noise: float) -> None:
     """Refuse rotations that vanish or share one axis, within the noise (radians)."""
     rms = axis_spread(pairs).rms_rotation
     remedy = "add poses that turn it by 20 degrees or more about two different axes"

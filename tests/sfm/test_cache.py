@@ -11,13 +11,15 @@ import pytest
 from handeye_fg.errors import InputDataError
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm.cache import check_replaceable, inputs_digest, publish, staging, stored_model
+from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import CameraModel
+from handeye_fg.types import CameraModel, Fragment
 
 NAMES = ("a.jpg", "b.jpg")
 CAMERA = CameraModel(model="PINHOLE", width=64, height=48, params=np.array([50.0, 50, 32, 24]))
 TURNS = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
 UNREGISTERED = (("z.jpg", "no features found"),)
+FRAGMENT = Fragment(names=("z.jpg",), world_T_camera=np.eye(4)[None])
 
 
 @pytest.fixture
@@ -53,7 +55,10 @@ def store(folder: Path, key: str) -> None:
     with staging(folder) as work:
         database = work / "strict.db"
         database.write_bytes(b"database")
-        publish(work, folder, database, reconstruction(), UNREGISTERED, key, 0.25)
+        made = reconstruction()
+        model = to_sfm_model(made, UNREGISTERED)
+        model = replace(model, static_share=0.25, fragments=(FRAGMENT,))
+        publish(work, folder, database, made, model, key)
 
 
 def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
@@ -89,6 +94,8 @@ def test_a_stored_model_comes_back_only_for_its_inputs(tmp_path: Path) -> None:
     assert model is not None
     assert (len(model.names), model.unregistered) == (4, UNREGISTERED)
     assert model.static_share == 0.25
+    assert [fragment.names for fragment in model.fragments] == [("z.jpg",)]
+    np.testing.assert_array_equal(model.fragments[0].world_T_camera, np.eye(4)[None])
     assert stored_model(folder, "other") is None
     assert [path.name for path in folder.parent.iterdir()] == ["sfm"]
     assert (folder / "database.db").read_bytes() == b"database"
@@ -147,4 +154,5 @@ def test_the_content_says_what_it_was_made_from(tmp_path: Path) -> None:
         "digest": "key",
         "unregistered": [["z.jpg", "no features found"]],
         "static_share": 0.25,
+        "fragments": [[["z.jpg"], [np.eye(4).tolist()]]],
     }

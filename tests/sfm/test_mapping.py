@@ -45,7 +45,7 @@ def synthetic(folder: Path, model: str, params: list[float]) -> Path:
 def place(
     database: Path, rung: Rung, file_camera: CameraModel | None = None, progress=silent
 ) -> pycolmap.Reconstruction | None:
-    return map_images(
+    models = map_images(
         database,
         database.parent,
         rung,
@@ -54,6 +54,7 @@ def place(
         seed=0,
         progress=progress,
     )
+    return next(iter(models), None)
 
 
 @pytest.mark.parametrize("relaxed", [False, True])
