@@ -104,7 +104,7 @@ def to_fragment(reconstruction: pycolmap.Reconstruction) -> Fragment:
     images = _registered(reconstruction)
     return Fragment(
         names=tuple(image.name for image in images),
-        world_T_camera=np.array([_world_T_camera(image) for image in images]).reshape(-1, 4, 4),
+        world_T_camera=np.array([world_T_camera(image) for image in images]).reshape(-1, 4, 4),
     )
 
 
