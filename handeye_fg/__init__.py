@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from handeye_fg.comparison import Comparison, Difference, compare
     from handeye_fg.errors import (
         ConvergenceError,
         HandEyeError,
@@ -41,7 +42,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CameraPrior",
+    "Comparison",
     "ConvergenceError",
+    "Difference",
     "DistancePrior",
     "ExportOptions",
     "GraphOptions",
@@ -59,6 +62,7 @@ __all__ = [
     "SfmOptions",
     "UnobservableError",
     "calibrate",
+    "compare",
     "export",
     "load_result",
     "read_poses",
@@ -68,6 +72,7 @@ __all__ = [
 
 _HOME = {
     "ExportOptions": "export_options",
+    **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
     "Result": "io.results",
     "calibrate": "pipeline",
     "export": "exporting",

@@ -71,6 +71,17 @@ def log(a_T_b: Array) -> Array:
     return np.asarray(RigidTransform.from_matrix(a_T_b).as_exp_coords())
 
 
+def adjoint(a_T_b: Array) -> Array:
+    """Matrices (..., 6, 6) that take twists in frame b to the same in frame a, for poses (..., 4, 4)."""
+    rotation = a_T_b[..., :3, :3]
+    result = np.zeros((*a_T_b.shape[:-2], 6, 6))
+    result[..., :3, :3] = result[..., 3:, 3:] = rotation
+    # The columns of [t]_x R are the cross products of t with those of R.
+    columns = np.cross(a_T_b[..., None, :3, 3], np.swapaxes(rotation, -1, -2))
+    result[..., 3:, :3] = np.swapaxes(columns, -1, -2)
+    return result
+
+
 def scaled(world_T_camera: Array, metres_per_world_unit: float | Array) -> Array:
     """Poses (..., 4, 4) with their translations multiplied by the scale, or by scales (..., 1)."""
     result = np.array(world_T_camera, dtype=np.float64)

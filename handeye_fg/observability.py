@@ -84,16 +84,24 @@ def free_basis(covariance: Array) -> Array:
     return np.asarray(vectors[:, variances > 1.0])
 
 
-def free_lean(covariance: Array) -> Array:
-    """How much the free directions of X lean on each of its components (6,): 0 not at all, 1 fully.
+def free_space(covariance: Array) -> Array:
+    """The free directions of X, in columns (6, k), radians and metres.
 
     Args:
         covariance: of X (6, 6) on the determined subspace, as ``Observability`` has it.
     """
     variances, vectors = np.linalg.eigh(covariance)
     # Projected away, they have variances of rounding; others are within 1e-8 of the largest.
-    free = vectors[:, variances < 1e-12 * variances[-1]] / LIMITS[:6, None]
-    orthonormal, _ = np.linalg.qr(free)
+    return np.asarray(vectors[:, variances < 1e-12 * variances[-1]])
+
+
+def free_lean(covariance: Array) -> Array:
+    """How much the free directions of X lean on each of its components (6,): 0 not at all, 1 fully.
+
+    Args:
+        covariance: of X (6, 6) on the determined subspace, as ``Observability`` has it.
+    """
+    orthonormal, _ = np.linalg.qr(free_space(covariance) / LIMITS[:6, None])
     return np.asarray(np.linalg.norm(orthonormal, axis=1))
 
 

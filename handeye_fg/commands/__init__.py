@@ -6,6 +6,7 @@ Heavy packages are imported where they are used, so that help is quick.
 from typing import Protocol
 
 from handeye_fg.commands.calibrate import Calibrate
+from handeye_fg.commands.compare import Compare
 from handeye_fg.commands.export import Export
 from handeye_fg.commands.report import Report
 from handeye_fg.commands.solve import Solve
@@ -24,7 +25,8 @@ COMMANDS: dict[str, type[Command]] = {
     "solve": Solve,
     "report": Report,
     "export": Export,
+    "compare": Compare,
 }
 """Each command under its name, in the order of the help text."""
 
-__all__ = ["COMMANDS", "Calibrate", "Command", "Export", "Report", "Solve"]
+__all__ = ["COMMANDS", "Calibrate", "Command", "Compare", "Export", "Report", "Solve"]

@@ -15,7 +15,6 @@ for each image; the result is then carried to the shared unknowns by this linear
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 from scipy import sparse
 
@@ -112,17 +111,12 @@ def _by_shared(state: State, camera: int) -> Array:
     by_log_scale = np.concatenate([np.zeros(3), -T[:3, :3].T @ T[:3, 3]])
     return np.hstack(
         [
-            adjoint(frames.inverse(T)),
-            -to_world @ adjoint(frames.inverse(X[camera]) @ X[0]),
+            frames.adjoint(frames.inverse(T)),
+            -to_world @ frames.adjoint(frames.inverse(X[camera]) @ X[0]),
             to_world,
             by_log_scale[:, None],
         ]
     )
-
-
-def adjoint(a_T_b: Array) -> Array:
-    """Twists (6,) in frame b as twists in frame a."""
-    return np.asarray(gtsam.Pose3(a_T_b).AdjointMap())
 
 
 def carried(quadratic: Quadratic, to: sparse.csr_array) -> Quadratic:

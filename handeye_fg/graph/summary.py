@@ -16,7 +16,7 @@ from handeye_fg.graph.levels import level_certainties
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Layout, Linearised
 from handeye_fg.graph.reprojection import reprojection_errors
-from handeye_fg.graph.rig import adjoint, image_poses
+from handeye_fg.graph.rig import image_poses
 from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
 from handeye_fg.observability import Observability, analyse, on_determined
 from handeye_fg.options import NoiseOptions
@@ -264,6 +264,6 @@ def _relative_covariances(first_T_cameras: Array, layout: Layout, covariance: Ar
     for k in range(1, layout.n_cameras):
         to = np.zeros((6, layout.dim))
         to[:, layout.x_columns(k)] = np.eye(6)
-        to[:, layout.x_columns()] = -adjoint(frames.inverse(first_T_cameras[k]))
+        to[:, layout.x_columns()] = -frames.adjoint(frames.inverse(first_T_cameras[k]))
         result[k] = on_determined(to @ covariance @ to.T)
     return result

@@ -25,7 +25,6 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.certainty import Certainty, enlarged
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Linearised, predicted_together
-from handeye_fg.graph.rig import adjoint
 from handeye_fg.graph.whiteness import (
     NEAR_ANGLE,
     NEAR_METRES,
@@ -88,7 +87,7 @@ def systematic(
     expected, ratio = _larger(white.expected, of_images + by_blocks)
     freedom = np.maximum(solution.redundancy[1:3], 1.0)
     rotation, translation = _HIDDEN * np.array(solution.squares[1:3]) / freedom
-    to_camera = adjoint(frames.inverse(gripper_T_camera))
+    to_camera = frames.adjoint(frames.inverse(gripper_T_camera))
     hidden = np.zeros((7, 7))
     hidden[:6, :6] = to_camera @ np.diag(np.repeat([rotation, translation], 3)) @ to_camera.T
     hidden[6, 6] = _HIDDEN_SCALE * translation / spread_metres**2
