@@ -11,7 +11,7 @@ import numpy as np
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.io.cameras import read_camera
+from handeye_fg.io.cameras import read_camera, read_cameras
 from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.io.poses import open_poses, poses_from_mapping
 from handeye_fg.io.targets import read_target
@@ -264,13 +264,33 @@ def _cameras(source: CameraSource, folders: Sequence[str]) -> dict[str, CameraMo
     if isinstance(source, CameraModel):
         return dict.fromkeys(folders, source)
     path = Path(source)
-    if not path.is_dir():
-        return dict.fromkeys(folders, read_camera(path))
     if len(folders) == 1:
+        return {folders[0]: read_camera(path)}
+    if path.is_dir():
+        return {folder: read_camera(_camera_file(path, folder)) for folder in folders}
+    cameras = read_cameras(path)
+    if len(cameras) == 1:
+        return dict.fromkeys(folders, *cameras.values())
+    if missing := [folder for folder in folders if folder not in cameras]:
         raise InputDataError(
-            f"camera file {path}: is a folder, but there is one camera; give its file"
+            f"camera file {path}: has the cameras {', '.join(cameras)}, but the images lie in the folders "
+            f"{', '.join(folders)}, so that {', '.join(missing)} has none; name the folders as the cameras"
         )
-    return {folder: read_camera(path / f"{folder}.yaml") for folder in folders}
+    return {folder: cameras[folder] for folder in folders}
+
+
+def _camera_file(folder: Path, name: str) -> Path:
+    """The file of one of several cameras, of whatever kind."""
+    found = sorted(
+        folder / f"{name}{suffix}"
+        for suffix in (".yaml", ".yml", ".json", ".txt")
+        if (folder / f"{name}{suffix}").is_file()
+    )
+    if len(found) > 1:
+        raise InputDataError(
+            f"camera files {' and '.join(map(str, found))}: are of one camera; keep one of them"
+        )
+    return found[0] if found else folder / f"{name}.yaml"
 
 
 def _digest(

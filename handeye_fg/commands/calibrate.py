@@ -36,8 +36,9 @@ class Calibrate:
     """CSV file with the header image,x,y,z,qx,qy,qz,qw: for each image name the pose of the gripper
     in the robot's base (metres, Hamilton quaternion)."""
     camera: Path | None = None
-    """Camera file (YAML of OpenCV or ROS), or for several cameras a folder with a file for each, named like
-    the sub-folders (cam0.yaml). Without it the intrinsics are estimated."""
+    """Camera file of ROS, OpenCV, Kalibr, COLMAP or nerfstudio, or JSON; for several cameras a folder with a file
+    for each, named like the sub-folders (cam0.yaml), or one of Kalibr with these names. Without it the intrinsics
+    are estimated."""
     masks: Path | None = None
     """Folder with a mask NAME.png for each image NAME (frame_0000.jpg.png, of several cameras
     cam0/frame_0000.jpg.png): white is used."""

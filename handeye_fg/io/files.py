@@ -7,6 +7,8 @@ from pathlib import Path
 
 from handeye_fg.errors import InputDataError
 
+_LARGEST_FILE = 100_000_000  # bytes; a transforms.json of ten thousand images has some ten million
+
 
 def write_atomic(path: Path, content: str | bytes) -> Path:
     """Write a file so that a reader sees the old content or the new one, never a part.
@@ -55,15 +57,33 @@ def read_text(path: Path, what: str, *, may_be_empty: bool = False) -> str:
         The text, line ends as ``\n``.
 
     Raises:
-        InputDataError: the file is missing, unreadable, empty or not text.
+        InputDataError: the file is missing, unreadable, too large, empty or not text.
+    """
+    return decode_text(read_bytes(path, what), f"{what} {path}", may_be_empty=may_be_empty)
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """Read a file of bounded size.
+
+    Args:
+        path: the file.
+        what: its name in error messages, such as "poses file".
+
+    Raises:
+        InputDataError: the file is missing, unreadable or too large.
     """
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(_LARGEST_FILE + 1)
     except FileNotFoundError as error:
         raise InputDataError(f"{what} {path}: no such file; check the path") from error
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise InputDataError(f"{what} {path}: cannot be read ({error}); check the path") from error
-    return decode_text(data, f"{what} {path}", may_be_empty=may_be_empty)
+    if len(data) > _LARGEST_FILE:
+        raise InputDataError(
+            f"{what} {path}: more than {_LARGEST_FILE} bytes are too many; give a smaller file"
+        )
+    return data
 
 
 def decode_text(data: bytes, where: str, *, may_be_empty: bool = False) -> str:

@@ -1,21 +1,19 @@
-"""Camera files of ROS (camera_info) and OpenCV (FileStorage YAML) as COLMAP camera models."""
+"""Camera files of ROS (camera_info) and OpenCV (FileStorage), and plain lists of their numbers."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.fields import Fields
-from handeye_fg.io.yaml_files import read_yaml
 from handeye_fg.types import CameraModel
 
 _MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "K", "k")
-_DISTORTION_KEYS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")
-_WIDTH_KEYS = ("image_width", "width", "imageWidth")
-_HEIGHT_KEYS = ("image_height", "height", "imageHeight")
+_DISTORTION_KEYS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d", "coeffs")
+_WIDTH_KEYS = ("image_width", "width", "imageWidth", "w")
+_HEIGHT_KEYS = ("image_height", "height", "imageHeight", "h")
 
 # Coefficients of each distortion model: k1 k2 p1 p2 k3 k4 k5 k6, thin prism (4), tilt (2).
 _LENGTHS = {
@@ -28,39 +26,69 @@ _LENGTHS = {
 }
 _FEWEST = 4  # coefficients of a distortion model that has any
 _LARGEST_SIDE = 100_000
-_REMEDY = "correct the camera file"
 
 
-def read_camera(path: Path) -> CameraModel:
-    """Read the intrinsics of a ROS camera_info or an OpenCV FileStorage YAML file.
+def of_matrix(fields: Fields) -> CameraModel:
+    """The intrinsics of a ROS camera_info or an OpenCV FileStorage file.
 
     Distortion is mapped without loss: none to PINHOLE, k1 k2 p1 p2 to OPENCV (zeros as well: they can be
     refined), up to k6 to FULL_OPENCV, equidistant (fisheye) to OPENCV_FISHEYE. A file that names no distortion model has
-    OpenCV's standard one. In the file the centre of the first pixel is at (0, 0), in the returned
-    model at (0.5, 0.5).
-
-    Args:
-        path: the file.
-
-    Returns:
-        The intrinsics in pixels, in COLMAP's order.
+    OpenCV's standard one.
 
     Raises:
-        InputDataError: the file is missing, empty, not YAML or of another kind; image size, camera
-            matrix or distortion are missing or impossible; or the file has a skew, thin-prism or
-            tilt terms, binning or a region of interest, which cannot be represented.
+        InputDataError: image size, camera matrix or distortion are missing or impossible; or the file
+            has a skew, thin-prism or tilt terms, binning or a region of interest, which cannot be
+            represented.
     """
-    fields = read_yaml(path, "camera file", "a ROS camera_info or OpenCV YAML file", _REMEDY)
-    width, height = _size(fields)
+    width, height = size(fields)
     _check_whole_image(fields, width, height)
     fx, fy, cx, cy = _camera_matrix(fields)
     model, coefficients = _distortion(fields)
-    return CameraModel(
-        model=model,
-        width=width,
-        height=height,
-        params=np.array([fx, fy, cx + 0.5, cy + 0.5, *coefficients]),
-    )
+    return camera_of(model, width, height, (fx, fy, cx, cy), coefficients)
+
+
+def of_focal_lengths(fields: Fields) -> CameraModel:
+    """The intrinsics where each number has a key: width, height, fx, fy, cx (ppx), cy (ppy), and a list of OpenCV.
+
+    Raises:
+        InputDataError: a number is missing or impossible, or the distortion cannot be represented.
+    """
+    width, height = size(fields)
+    centre = [
+        fields.number(_key(fields, keys, "the principal point in pixels"))
+        for keys in (("cx", "ppx"), ("cy", "ppy"))
+    ]
+    focal = [fields.number(key) for key in ("fx", "fy")]
+    require_positive(fields, "fx", "fy")
+    if any(key in fields.values for key in _DISTORTION_KEYS):
+        model, coefficients = _distortion(fields)
+    else:
+        model, coefficients = "PINHOLE", []
+    return camera_of(model, width, height, (*focal, *centre), coefficients)
+
+
+def camera_of(
+    model: str,
+    width: int,
+    height: int,
+    pinhole: Sequence[float],
+    coefficients: Sequence[float],
+) -> CameraModel:
+    """A camera from fx fy cx cy with the first pixel's centre at (0, 0), and the coefficients of COLMAP's model."""
+    fx, fy, cx, cy = pinhole
+    params = np.array([fx, fy, cx + 0.5, cy + 0.5, *coefficients])
+    return CameraModel(model=model, width=width, height=height, params=params)
+
+
+def require_positive(fields: Fields, *keys: str) -> None:
+    """Refuse focal lengths that cannot be.
+
+    Raises:
+        InputDataError: a number is missing or not positive.
+    """
+    for key in keys:
+        if fields.number(key) <= 0.0:
+            raise fields.error(key, "a positive focal length in pixels")
 
 
 def _key(fields: Fields, keys: Sequence[str], wanted: str) -> str:
@@ -78,8 +106,12 @@ def _key(fields: Fields, keys: Sequence[str], wanted: str) -> str:
     return present[0]
 
 
-def _size(fields: Fields) -> tuple[int, int]:
-    """Image width and height."""
+def size(fields: Fields) -> tuple[int, int]:
+    """Image width and height.
+
+    Raises:
+        InputDataError: one is missing or impossible.
+    """
     return (
         fields.integer(
             _key(fields, _WIDTH_KEYS, "the images' width in pixels"), least=1, most=_LARGEST_SIDE
