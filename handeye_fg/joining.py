@@ -17,7 +17,7 @@ from handeye_fg.errors import HandEyeError
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
 from handeye_fg.motions import PosePairs
-from handeye_fg.parts import only
+from handeye_fg.parts import as_fragment, only
 from handeye_fg.solvers import trusted_rows
 from handeye_fg.solvers.worlds import InWorld, common_start, in_world
 from handeye_fg.types import Fragment, SfmModel, folders_of
@@ -54,7 +54,7 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     missing = [name for name, _ in model.unregistered]
     if not missing:
         return model
-    main = Fragment(names=model.names, world_T_camera=model.world_T_camera)
+    main = as_fragment(model)
     parts = [_part(fragment, inputs) for fragment in (main, *model.fragments)]
     X = _common(parts)
     home = None if X is None else _agreeing(parts[0], X)
@@ -87,13 +87,20 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     )
 
 
+def moves_as_reported(fragment: Fragment, inputs: Inputs) -> NDArray[np.bool_]:
+    """Which of a fragment's images (n,), of one camera, have a robot pose that agrees with the others'."""
+    reported = inputs.robot_poses(fragment.names)
+    data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera)
+    return trusted_rows(data, scale_known=False)
+
+
 def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
     """The model in two fragments, where few false matches link images that the robot has elsewhere.
 
     Images whose robot poses are wrong do not move as the robot says. These do, only not beside the others.
     """
-    main = Fragment(names=model.names, world_T_camera=model.world_T_camera)
-    right = _trusted(main, inputs)
+    main = as_fragment(model)
+    right = moves_as_reported(main, inputs)
     names = [name for name, is_right in zip(main.names, right, strict=True) if not is_right]
     if len(names) < _FEWEST_LINKED:
         return model
@@ -110,17 +117,10 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
 
 
 def _part(fragment: Fragment, inputs: Inputs) -> _Part:
-    right = _trusted(fragment, inputs)
+    right = moves_as_reported(fragment, inputs)
     reported = inputs.robot_poses(fragment.names)[right]
     data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera[right])
     return _Part(fragment=fragment, data=data)
-
-
-def _trusted(fragment: Fragment, inputs: Inputs) -> NDArray[np.bool_]:
-    """Which of a fragment's images (n,) have a robot pose that agrees with the others'."""
-    reported = inputs.robot_poses(fragment.names)
-    data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera)
-    return trusted_rows(data, scale_known=False)
 
 
 def _common(parts: Sequence[_Part]) -> Array | None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handeye_fg.types import SfmModel
+from handeye_fg.types import Fragment, SfmModel
 
 
 def only(model: SfmModel, names: Sequence[str]) -> SfmModel:
@@ -27,3 +27,8 @@ def only(model: SfmModel, names: Sequence[str]) -> SfmModel:
             pixels=tracks.pixels[kept],
         ),
     )
+
+
+def as_fragment(model: SfmModel) -> Fragment:
+    """The cameras alone."""
+    return Fragment(names=model.names, world_T_camera=model.world_T_camera)

@@ -9,18 +9,21 @@ from handeye_fg import sfm
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
-from handeye_fg.joining import joined
+from handeye_fg.joining import joined, moves_as_reported
 from handeye_fg.looks import flaws
 from handeye_fg.options import Options
-from handeye_fg.parts import only
+from handeye_fg.parts import as_fragment, only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
-from handeye_fg.types import CameraModel, KnownPoints, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, SfmModel, folders_of
 
 _FEWEST_IMAGES = 3
 # Of the median image's points: less is few.
 _FEW_POINTS = 0.25
+_FOREIGN = (
+    "its matches put it elsewhere than the robot does: it shows something else, or too little"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,18 +108,22 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
 
 
 def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
-    """The model without images that look far worse than the others and hang on few points.
+    """The model without images that hang on few points, and look or move as none of the others.
 
-    An image that structure from motion can use well stays, whatever it looks like. What an image without
-    pose looks like is told as its reason.
+    An image that structure from motion can use well stays, whatever it looks like: its robot pose may be
+    wrong. What an image without pose looks like is told as its reason.
     """
     flawed = flaws(inputs.looks)
+    one_camera = len(folders_of(inputs.names)) == 1
+    right = (
+        moves_as_reported(as_fragment(model), inputs) if one_camera else [True] * len(model.names)
+    )
     points = np.bincount(model.tracks.image_index, minlength=len(model.names))
     fewest = _FEW_POINTS * np.median(points)
     weak = {
-        name: f"{flawed[name]}, so that only {n} points hold it"
-        for name, n in zip(model.names, points.tolist(), strict=True)
-        if name in flawed and n < fewest
+        name: f"{flawed.get(name, _FOREIGN)}; only {n} points hold it"
+        for name, n, is_right in zip(model.names, points.tolist(), right, strict=True)
+        if n < fewest and (name in flawed or not is_right)
     }
     if len(model.names) - len(weak) < _FEWEST_IMAGES:
         weak = {}

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import handeye_fg as hf
-from handeye_fg import sfm
+from handeye_fg import frames, sfm
 from handeye_fg.parts import only
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.types import CameraModel
@@ -158,10 +158,20 @@ def test_a_blurred_image_with_few_points_is_left_out(images, scene, names, monke
     (name, reason), *others = left_out(calibrate(images, scene)).items()
     assert (name, others) == (names[3], [])
     assert reason.startswith("blurred (fine gradients")
-    assert reason.endswith("so that only 12 points hold it")
-    # A sharp one with few points is used.
+    assert reason.endswith("; only 12 points hold it")
+    # A sharp one with few points is used, where the robot was there.
     write(images, names[3])
     assert left_out(calibrate(images, scene)) == {}
+    poses = np.array(thin.world_T_camera)
+    poses[3] = poses[3] @ frames.exp(np.array([0.5, 0.3, -0.4, 2.0, 1.0, 0.5]))
+    elsewhere = replace(thin, world_T_camera=poses)
+    monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: elsewhere)
+    assert left_out(calibrate(images, scene)) == {
+        names[
+            3
+        ]: "its matches put it elsewhere than the robot does: it shows something else, or too "
+        "little; only 12 points hold it"
+    }
 
 
 def test_the_look_of_an_image_without_pose_is_its_reason(images, scene, names, reconstruction):
