@@ -10,6 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from handeye_fg.batching.manifest import DataSet
+    from handeye_fg.batching.rows import Batch, Row
+    from handeye_fg.batching.run import batch
     from handeye_fg.comparison import Comparison, Difference, compare
     from handeye_fg.errors import (
         ConvergenceError,
@@ -39,11 +42,14 @@ if TYPE_CHECKING:
         SfmOptions,
     )
     from handeye_fg.pipeline import calibrate
+    from handeye_fg.synthetic_set import write_scene
 
 __all__ = [
+    "Batch",
     "CameraPrior",
     "Comparison",
     "ConvergenceError",
+    "DataSet",
     "Difference",
     "DistancePrior",
     "ExportOptions",
@@ -58,9 +64,11 @@ __all__ = [
     "ReconstructionError",
     "Result",
     "RobotNoise",
+    "Row",
     "ScalePrior",
     "SfmOptions",
     "UnobservableError",
+    "batch",
     "calibrate",
     "compare",
     "export",
@@ -68,18 +76,24 @@ __all__ = [
     "read_poses",
     "refine",
     "solve",
+    "write_scene",
 ]
 
 _HOME = {
     "ExportOptions": "export_options",
     **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
+    "Batch": "batching.rows",
+    "DataSet": "batching.manifest",
     "Result": "io.results",
+    "Row": "batching.rows",
+    "batch": "batching.run",
     "calibrate": "pipeline",
     "export": "exporting",
     "load_result": "io.result_reader",
     "read_poses": "io.poses",
     "refine": "from_model",
     "solve": "from_poses",
+    "write_scene": "synthetic_set",
     **dict.fromkeys(
         (
             "CameraPrior",

@@ -1,7 +1,7 @@
 """The command line. Text for people goes to stderr, the result for programs to stdout.
 
 Exit codes: 0 calibrated; 1 failed; 2 usage, option or input-format error; 3 partial result;
-4 the results of a comparison differ; 130 interrupted.
+4 results differ; 130 interrupted.
 """
 
 import os
@@ -25,8 +25,8 @@ _DESCRIPTION = """Hand-eye calibration from ordinary images: the pose of a camer
 with its uncertainty, from a folder of images and the poses that the controller reported.
 
 handeye-fg --version prints the version. Exit codes: 0 calibrated; 1 failed; 2 wrong usage, option
-or input format; 3 partial: a result was written, but the motion left directions undetermined; 4 compare: the
-results differ."""
+or input format; 3 partial: a result was written, but the motion left directions undetermined; 4 compare,
+batch: results differ from earlier ones."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

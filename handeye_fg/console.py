@@ -15,6 +15,7 @@ from rich.progress import Progress as ProgressBars
 from handeye_fg.progress import Progress
 
 _STAGES = {
+    "data sets": "data sets",
     "images": "reading images",
     "target": "finding the target",
     "features": "finding features",

@@ -6,7 +6,7 @@ from time import perf_counter
 Progress = Callable[[str, int, int | None], None]
 """Called as ``progress(stage, done, total)``; ``total`` is None where it is not known beforehand.
 
-Stages: "images", "target", "features", "pairs", "registered", "iterations".
+Stages: "data sets", "images", "target", "features", "pairs", "registered", "iterations".
 """
 
 

@@ -5,10 +5,12 @@ Heavy packages are imported where they are used, so that help is quick.
 
 from typing import Protocol
 
+from handeye_fg.commands.batch import Batch
 from handeye_fg.commands.calibrate import Calibrate
 from handeye_fg.commands.compare import Compare
 from handeye_fg.commands.export import Export
 from handeye_fg.commands.report import Report
+from handeye_fg.commands.simulate import Simulate
 from handeye_fg.commands.solve import Solve
 
 
@@ -26,6 +28,8 @@ COMMANDS: dict[str, type[Command]] = {
     "report": Report,
     "export": Export,
     "compare": Compare,
+    "batch": Batch,
+    "simulate": Simulate,
 }
 """Each command under its name, in the order of the help text."""
 

@@ -57,7 +57,9 @@ _Loader.add_implicit_resolver(  # YAML 1.1 takes 1e-3 for text
 )
 
 
-def read_yaml(path: Path, what: str, wanted: str, remedy: str) -> Fields:
+def read_yaml(
+    path: Path, what: str, wanted: str, remedy: str, longest: int = _LARGEST_FILE
+) -> Fields:
     """Read the mapping that is a file's only document.
 
     Args:
@@ -65,15 +67,16 @@ def read_yaml(path: Path, what: str, wanted: str, remedy: str) -> Fields:
         what: the kind of file, as the start of an error message: "camera file".
         wanted: what to give instead of a file of another kind.
         remedy: what to do about an error, as the end of a message.
+        longest: most characters that such a file has.
 
     Raises:
         InputDataError: the file is missing, empty, too long, not YAML, or no mapping.
     """
     text = read_text(path, what)
-    if len(text) > _LARGEST_FILE:
+    if len(text) > longest:
         raise InputDataError(
             f"{what} {path}: {len(text)} characters are too many for a {what}, at most"
-            f" {_LARGEST_FILE} were expected; give {wanted}"
+            f" {longest} were expected; give {wanted}"
         )
     if text.startswith("%YAML"):  # OpenCV's header is not always valid YAML
         text = text[text.find("\n") :] if "\n" in text else ""

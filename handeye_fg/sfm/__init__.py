@@ -1,7 +1,7 @@
 """Structure from motion by COLMAP; the only package that touches pycolmap.
 
 Entry points: ``reconstruct`` (images to a model), ``complete`` (images that it left out), ``from_tracks`` (given image points to a model),
-``read_model`` (an existing COLMAP model) and ``write_metric`` (a model in metres for others).
+``read_model`` (an existing COLMAP model), ``write_model`` (a model of ours as files) and ``write_metric`` (a model in metres for others).
 """
 
 from handeye_fg.sfm.completion import complete
@@ -10,6 +10,7 @@ from handeye_fg.sfm.model import ModelSource, read_model
 from handeye_fg.sfm.native import set_verbosity
 from handeye_fg.sfm.reconstruct import reconstruct
 from handeye_fg.sfm.tracks import from_tracks
+from handeye_fg.sfm.writing import write_model
 
 __all__ = [
     "ModelSource",
@@ -19,4 +20,5 @@ __all__ = [
     "reconstruct",
     "set_verbosity",
     "write_metric",
+    "write_model",
 ]
