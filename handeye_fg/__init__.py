@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from handeye_fg.exporting import export
     from handeye_fg.from_model import refine
     from handeye_fg.from_poses import solve
-    from handeye_fg.io.poses import read_poses
+    from handeye_fg.io.poses import read_poses, write_poses
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
     from handeye_fg.options import (
@@ -76,6 +76,7 @@ __all__ = [
     "read_poses",
     "refine",
     "solve",
+    "write_poses",
     "write_scene",
 ]
 
@@ -93,6 +94,7 @@ _HOME = {
     "read_poses": "io.poses",
     "refine": "from_model",
     "solve": "from_poses",
+    "write_poses": "io.poses",
     "write_scene": "synthetic_set",
     **dict.fromkeys(
         (

@@ -5,7 +5,7 @@ The first paragraph under each field is its help text on the command line.
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import tyro
 
@@ -70,6 +70,8 @@ RotationKind = Literal[
     "zxz",
     "zyz",
 ]
+LengthUnit = Literal["auto", "m", "mm"]
+AngleUnit = Literal["auto", "deg", "rad"]
 PairBy = Literal["auto", "name", "time", "nearest-time", "number", "order"]
 MethodName = Literal[
     "andreff_scale",
@@ -106,9 +108,9 @@ class PoseFileOptions:
 
     format: Annotated[PoseFormatName, tyro.conf.arg(name="pose-format")] = "auto"
     """Format of the poses; auto: recognised, and refused where several fit."""
-    units: Literal["auto", "m", "mm"] = "auto"
+    units: LengthUnit = "auto"
     """Unit of the positions; auto: what the file says, else the format's."""
-    angles: Literal["auto", "deg", "rad"] = "auto"
+    angles: AngleUnit = "auto"
     """Unit of angles and rotation vectors; auto: what the file says, else the format's."""
     rotation: Annotated[RotationKind, tyro.conf.arg(metavar="KIND")] = "auto"
     """What the numbers of the rotation mean, if not what the format says: xyzw or wxyz (quaternions),
@@ -125,6 +127,17 @@ class PoseFileOptions:
     """An image in time has its pose between two poses that are both this near, or near one."""
 
     def __post_init__(self) -> None:
+        for name, kind in (
+            ("format", PoseFormatName),
+            ("units", LengthUnit),
+            ("angles", AngleUnit),
+            ("rotation", RotationKind),
+            ("pair_by", PairBy),
+        ):
+            if getattr(self, name) not in get_args(kind):
+                raise ValueError(
+                    f"{name} is {getattr(self, name)!r}, but must be one of {', '.join(get_args(kind))}"
+                )
         if not 0.0 < self.time_tolerance_s < math.inf:
             raise ValueError(
                 f"time_tolerance_s is {self.time_tolerance_s}, but must be a positive number of seconds"

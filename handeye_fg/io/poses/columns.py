@@ -77,11 +77,15 @@ def by_header(table: Table, format_: PoseFormat) -> Columns | str:
     names = [_canonical(cell) for cell in table.header]
     bare = [name for name, _ in names]
     found: list[int] = []
+    wanted = ""
     for wanted in _wanted(format_, bare):
         index = _find(bare, _ALIASES.get(wanted, (wanted,)))
         if index is None:
             return wanted
         found.append(index)
+    stem, _, last = wanted.rpartition(".")
+    if last.isdecimal() and _find(bare, (f"{stem}.{int(last) + 1}",)) is not None:
+        return f"{stem} with {int(last) + 1} numbers and no more"
     image = _find(bare, _IMAGE)
     time = _time(bare)
     if set(time) & set(found):  # t is the third angle of Kawasaki

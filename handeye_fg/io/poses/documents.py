@@ -3,7 +3,10 @@
 import io
 import json
 import re
+import tokenize
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +20,20 @@ _LARGEST_ARRAY = 10_000_000  # entries
 _MOST_COLUMNS = 1000
 _LISTS = ("poses", "samples", "frames", "transforms", "data")
 _MAGIC = b"\x93NUMPY"
+
+# What NumPy raises on damaged files.
+_DAMAGED = (
+    ValueError,
+    TypeError,
+    EOFError,
+    OSError,
+    MemoryError,
+    SyntaxError,
+    OverflowError,
+    LookupError,
+    RecursionError,
+    tokenize.TokenError,
+)
 
 _TF_POSE = re.compile(
     r"(?:At time[ \t]+(?P<time>[^\s]+)[^\[\]]{0,200})?"
@@ -37,26 +54,15 @@ def array_table(data: bytes, source: str) -> Table:
         InputDataError: it is damaged, or holds no numbers of such a shape.
     """
     try:
-        file = io.BytesIO(data)
-        version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_1_0
-        shape, _, kind = (
-            read(file) if version == (1, 0) else np.lib.format.read_array_header_2_0(file)
-        )
-        if kind.kind not in "fiu" or np.prod(shape, dtype=float) > _LARGEST_ARRAY:
-            raise InputDataError(
-                f"{source}: {kind} of shape {shape}, but must be numbers of shape (n, 4, 4)"
-            )
-        array = np.load(io.BytesIO(data), allow_pickle=False).astype(np.float64)
-    except (
-        ValueError,
-        TypeError,
-        EOFError,
-        OSError,
-        MemoryError,
-        SyntaxError,
-        OverflowError,
-    ) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # remarks on headers of old files
+            shape, kind = _claimed(data)
+            if kind.kind not in "fiu" or np.prod(shape, dtype=float) > _LARGEST_ARRAY:
+                raise InputDataError(
+                    f"{source}: {kind} of shape {shape}, but must be numbers of shape (n, 4, 4)"
+                )
+            array = np.load(io.BytesIO(data), allow_pickle=False).astype(np.float64)
+    except _DAMAGED as error:
         raise InputDataError(
             f"{source}: not an array of numbers ({reason(error)}); save one with numpy.save, of shape"
             " (n, 4, 4)"
@@ -70,6 +76,15 @@ def array_table(data: bytes, source: str) -> Table:
     rows = tuple(tuple(map(repr, row)) for row in array.tolist())
     places = _places(source, "pose", len(rows))
     return Table(source=source, header_place=source, header=(), rows=rows, places=places)
+
+
+def _claimed(data: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """The shape and type that the header of a .npy file claims."""
+    file = io.BytesIO(data)
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0
+    shape, _, kind = read(file) if version == (1, 0) else np.lib.format.read_array_header_2_0(file)
+    return shape, kind
 
 
 def is_transform_echo(text: str) -> bool:

@@ -37,6 +37,12 @@ class PoseFormat:
     delimiter: str = ","
     header: Literal["names", "comment", "none"] = "names"
 
+    def __str__(self) -> str:
+        stem, _, last = self.columns[-1].rpartition(".")
+        entries = f"{stem}.0 to {stem}.{last}" if last.isdecimal() else ",".join(self.numbers)
+        key = "" if self.key == "none" else f"{self.columns[0]},"
+        return f"{self.title} has {key}{entries}"
+
     @property
     def numbers(self) -> tuple[str, ...]:
         """The columns without the key."""
@@ -79,7 +85,7 @@ _ALL = (
     PoseFormat(
         name="kitti",
         title="KITTI odometry",
-        columns=_entries("matrix", 12),
+        columns=_entries("kitti", 12),
         convention=_MATRIX,
         key="none",
         matrix="rows",

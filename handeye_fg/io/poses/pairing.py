@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -15,9 +16,9 @@ from handeye_fg.types import Indices
 SAME_INSTANT_NS = 1_000_000  # times are often printed in milliseconds
 
 _LAST_NUMBER = re.compile(r"(\d+(?:\.\d+)?)(?!.*\d)", re.ASCII | re.DOTALL)
-_TIME = re.compile(r"[+-]?(\d{0,19})(?:[.,](\d{0,30}))?(?:[eE]([+-]?\d{1,2}))?", re.ASCII)
+_TIME = re.compile(r"[+-]?(\d{1,19}([.,]\d{0,30})?|[.,]\d{1,30})([eE][+-]?\d{1,2})?", re.ASCII)
 # Digits before the point of a time of our age in seconds, milliseconds, microseconds, nanoseconds.
-_DIGITS_NS = ((11, 10**9), (14, 10**6), (17, 10**3), (99, 1))
+_DIGITS_NS = ((11, 10**9), (14, 10**6), (17, 10**3), (999, 1))
 
 
 def time_ns(text: str) -> int | None:
@@ -26,19 +27,11 @@ def time_ns(text: str) -> int | None:
     The unit is told by the digits before the point: seconds have up to 11, milliseconds up to 14,
     microseconds up to 17. None for what is no time.
     """
-    parts = _TIME.fullmatch(text.strip())
-    if parts is None or not (parts[1] or parts[2]):
+    if _TIME.fullmatch(text.strip()) is None:
         return None
-    if parts[3]:
-        value = float(text.replace(",", "."))
-        factor = _factor(f"{abs(value):.0f}")
-        return round(value * factor) if abs(value * factor) < 2**62 else None
-    factor = _factor(parts[1].lstrip("0"))
-    fraction = parts[2] or ""
-    total = int(parts[1] or "0") * factor
-    total += int(fraction or "0") * factor // 10 ** len(fraction)
-    sign = -1 if text.strip().startswith("-") else 1
-    return sign * total if total < 2**62 else None
+    time = Decimal(text.strip().replace(",", "."))
+    total = int(time * _factor(str(abs(int(time))).lstrip("0")))
+    return total if abs(total) < 2**62 else None
 
 
 def time_of_name(name: str) -> int | None:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -62,10 +62,6 @@ def read_poses(
         options = PoseFileOptions(format=format, **known)
     except (TypeError, ValueError) as error:
         raise InputDataError(f"options of poses file {path}: {reason(error)}") from error
-    if format not in get_args(PoseFormatName):
-        raise InputDataError(
-            f"format {shown(format)} is unknown: choose one of {', '.join(get_args(PoseFormatName))}"
-        )
     return open_poses(path, options, images).poses()
 
 
@@ -99,9 +95,10 @@ def _file(path: Path, source: str) -> tuple[Table, ...]:
     text = decode_text(data, source)
     if is_transform_echo(text):
         return (transform_table(text, source),)
-    if path.suffix == ".json" or text.lstrip().startswith(("{", "[")):
+    is_yaml = path.suffix in {".yaml", ".yml"}
+    if path.suffix == ".json" or (not is_yaml and text.lstrip().startswith(("{", "["))):
         return document_tables(text, source, is_json=True)
-    if path.suffix in {".yaml", ".yml"} or _YAML.match(text):
+    if is_yaml or _YAML.match(text):
         tables = document_tables(text, source, is_json=False)
         return _indexed(path, tables[0]) if _is_index(tables[0]) else tables
     return (read_table(text, source),)

@@ -57,8 +57,7 @@ def _named(tables: Sequence[Table], format_: PoseFormat) -> tuple[Table, Columns
     if table.header:
         raise _missing(table, format_)
     raise InputDataError(
-        f"{table.places[0]}: found {len(table.rows[0])} columns, but {format_.title} has"
-        f" {', '.join(format_.columns)}; give a file of this format, or another --pose-format"
+        f"{table.places[0]}: found {len(table.rows[0])} columns, but {format_}; give a file of this format, or another --pose-format"
     )
 
 
@@ -69,8 +68,12 @@ def _fitting(table: Table) -> list[Columns]:
         by_header(table, entry) if table.header else by_shape(table, entry) for entry in formats
     ]
     fitting = [columns for columns in found if isinstance(columns, Columns)]
-    valid = [columns for columns in fitting if _valid(table, columns)]
-    return valid or fitting
+    few = replace(table, rows=table.rows[:_TRIED_ROWS], places=table.places[:_TRIED_ROWS])
+    for suits in (_are_poses, _are_numbers):
+        suiting = [columns for columns in fitting if suits(few, columns)]
+        if suiting:
+            return suiting
+    return fitting
 
 
 def _tells(table: Table, format_: PoseFormat) -> bool:
@@ -85,19 +88,26 @@ def _tells(table: Table, format_: PoseFormat) -> bool:
         case "ros":
             return None in values and len(values) >= 10
         case _:
-            return format_.matrix is not None
+            return format_.name in {"kitti", "franka", "matrix"}
 
 
 def _in_seconds(values: Sequence[float | None]) -> bool:
     return values[0] is not None and abs(values[0]) < _SECONDS
 
 
-def _valid(table: Table, columns: Columns) -> bool:
-    """Whether the first rows are poses."""
-    few = replace(table, rows=table.rows[:_TRIED_ROWS], places=table.places[:_TRIED_ROWS])
+def _are_poses(table: Table, columns: Columns) -> bool:
+    """Whether the rows are poses as the format has them."""
     with suppress(InputDataError):
-        positions, rotations = split(few, columns)
-        to_poses(positions, rotations, columns.convention, few.places)
+        positions, rotations = split(table, columns)
+        to_poses(positions, rotations, columns.convention, table.places)
+        return True
+    return False
+
+
+def _are_numbers(table: Table, columns: Columns) -> bool:
+    """Whether the rows are numbers, and matrices end as those of poses do."""
+    with suppress(InputDataError):
+        split(table, columns)
         return True
     return False
 
@@ -140,18 +150,31 @@ def _as_told(columns: Columns, table: Table, options: PoseFileOptions) -> Column
             raise InputDataError(
                 f"{table.source}: its header says {own}, but --{what} says {told}; correct one of them"
             )
-    told_convention = Convention(
+    return replace(
+        columns, convention=told_convention(columns.format, convention, options, table.source)
+    )
+
+
+def told_convention(
+    format_: PoseFormat, convention: Convention, options: PoseFileOptions, source: str
+) -> Convention:
+    """A format's convention with what the user says of it.
+
+    Raises:
+        InputDataError: the rotation that the user names has another count of numbers.
+    """
+    told = Convention(
         rotation=convention.rotation if options.rotation == "auto" else options.rotation,
         unit=convention.unit if options.units == "auto" else options.units,
         angles=convention.angles if options.angles == "auto" else options.angles,
         inverted=options.inverted,
     )
-    if told_convention.size != convention.size:
+    if told.size != convention.size:
         raise InputDataError(
-            f"{table.source}: rotation {options.rotation} has {told_convention.size} numbers, but"
-            f" {columns.format.name} has {convention.size}; give another --rotation or --pose-format"
+            f"{source}: rotation {options.rotation} has {told.size} numbers, but {format_.name} has"
+            f" {convention.size}; give another --rotation or --pose-format"
         )
-    return replace(columns, convention=told_convention)
+    return told
 
 
 def _require_plausible(columns: Columns, table: Table, options: PoseFileOptions) -> None:
@@ -192,7 +215,7 @@ def _ambiguous(table: Table, formats: Iterable[PoseFormat]) -> InputDataError:
 def _unknown(table: Table) -> InputDataError:
     """The refusal of a table that no format fits for certain."""
     if table.header:
-        best = min(FORMATS.values(), key=lambda entry: len(_lacking(table, entry)))
+        best = max(FORMATS.values(), key=lambda entry: _present(table, entry))
         return _missing(table, best)
     shaped = [
         entry
@@ -214,12 +237,12 @@ def _missing(table: Table, format_: PoseFormat) -> InputDataError:
     repeated = [cell.strip() for cell in table.header].count(str(column)) > 1
     return InputDataError(
         f"{table.header_place}: column {column} {'occurs more than once' if repeated else 'is missing'}; found"
-        f" {shown(','.join(table.header))}, but {format_.title} has {','.join(format_.columns)}; correct"
+        f" {shown(','.join(table.header))}, but {format_}; correct"
         " the header, or name another --pose-format"
     )
 
 
-def _lacking(table: Table, format_: PoseFormat) -> set[str]:
-    """The columns of a format that a header does not name."""
+def _present(table: Table, format_: PoseFormat) -> int:
+    """How many of a format's columns a header names."""
     names = {cell.strip().lower() for cell in table.header}
-    return {column for column in format_.numbers if column.lower() not in names}
+    return sum(column.lower() in names for column in format_.columns)
