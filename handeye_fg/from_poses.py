@@ -23,6 +23,7 @@ from handeye_fg.options import (
     CameraPrior,
     DistancePrior,
     MethodName,
+    PoseFileOptions,
     RobotNoise,
     ScalePrior,
 )
@@ -76,6 +77,8 @@ def solve(
     noise: RobotNoise | None = None,
     priors: Sequence[AnyPrior] = (),
     names: Sequence[str] | None = None,
+    robot_file: PoseFileOptions | None = None,
+    camera_file: PoseFileOptions | None = None,
     seed: int = 0,
 ) -> Result:
     """Find the pose of a camera on a robot arm from poses of the robot and of the camera.
@@ -87,7 +90,7 @@ def solve(
 
     Args:
         base_T_gripper: robot poses (n, 4, 4) in metres, in the order in which they were taken; or
-            with names: a CSV file, or a mapping.
+            with names: a file of any format of ``PoseFileOptions``, or a mapping.
         world_T_camera: camera poses of the same instants, in the same form; paired by order, or by
             name. Translations in metres, or in any unit for ``andreff_scale`` and
             ``pose_graph``.
@@ -106,6 +109,9 @@ def solve(
         priors: what else is known of X and, where the unit of the camera's translations is not, of the
             scale; with priors X is found by least squares.
         names: of the rows (n,) of arrays; None: "row 0", "row 1", ...
+        robot_file: how a file of the robot's poses is to be read, and how its rows find the camera's
+            where they have no names: by time, interpolated, or, if asked for, by order.
+        camera_file: how a file of the camera's poses is to be read.
         seed: of the samples that tell wrong rows from right ones.
 
     Returns:
@@ -131,6 +137,8 @@ def solve(
         base_T_gripper,
         world_T_camera,
         names=names,
+        robot_file=robot_file,
+        camera_file=camera_file,
         weights=weights,
         setup=setup,
         motions=motions,

@@ -33,8 +33,8 @@ class Calibrate:
     """Folder of the images; of several cameras on one arm with a sub-folder for each, in which images of
     one robot pose have the same name."""
     poses: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POSES")]
-    """CSV file with the header image,x,y,z,qx,qy,qz,qw: for each image name the pose of the gripper
-    in the robot's base (metres, Hamilton quaternion)."""
+    """For each image the pose of the gripper in the robot's base: a CSV file with the header
+    image,x,y,z,qx,qy,qz,qw (metres, Hamilton quaternion), or a file or folder of any other --pose-format."""
     camera: Path | None = None
     """Camera file of ROS, OpenCV, Kalibr, COLMAP or nerfstudio, or JSON; for several cameras a folder with a file
     for each, named like the sub-folders (cam0.yaml), or one of Kalibr with these names. Without it the intrinsics

@@ -10,7 +10,7 @@ import tyro
 
 from handeye_fg.commands.outcome import failure_as_json, told, written
 from handeye_fg.console import stderr_console
-from handeye_fg.options import CameraNoise, MethodName, Priors, RobotNoise, Setup
+from handeye_fg.options import CameraNoise, MethodName, PoseFileOptions, Priors, RobotNoise, Setup
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,10 +21,10 @@ class Solve:
     """
 
     robot: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="ROBOT.csv")]
-    """CSV file with the header image,x,y,z,qx,qy,qz,qw: the pose of the gripper in the robot's base
-    (metres, Hamilton quaternion); the column image holds any name of the row."""
+    """File of the poses of the gripper in the robot's base: CSV with the header image,x,y,z,qx,qy,qz,qw
+    (metres, Hamilton quaternion; the column image holds any name of the row), or any other --pose-format."""
     camera: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CAMERA.csv")]
-    """CSV file with the same columns: the pose of the camera in the world, or, for eye-to-hand, in what
+    """Such a file too (for its format --camera-file.pose-format), with the same names, or times: the pose of the camera in the world, or, for eye-to-hand, in what
     moves with the gripper. In any unit of length for andreff_scale and pose_graph, in
     metres for the others."""
     method: MethodName = "andreff_scale"
@@ -41,6 +41,10 @@ class Solve:
     noise: RobotNoise = field(default_factory=RobotNoise)
     priors: Priors = ()
     """What is known beforehand, as for calibrate; scale is the unit of CAMERA.csv."""
+    robot_file: Annotated[PoseFileOptions, tyro.conf.arg(name="")] = field(
+        default_factory=PoseFileOptions
+    )
+    camera_file: PoseFileOptions = field(default_factory=PoseFileOptions)
     seed: int = 0
     """Seed of everything random."""
     output: Path = Path("handeye-fg-out")
@@ -65,6 +69,8 @@ class Solve:
                 camera_noise=self.camera_noise,
                 noise=self.noise,
                 priors=self.priors,
+                robot_file=self.robot_file,
+                camera_file=self.camera_file,
                 seed=self.seed,
             )
         report = written(result, self.output)

@@ -9,8 +9,9 @@ import numpy as np
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose
 from handeye_fg.io.fields import shown
-from handeye_fg.io.poses import poses_from_mapping, read_poses
+from handeye_fg.io.poses import open_poses, poses_from_mapping
 from handeye_fg.motions import MotionPairs, PosePairs
+from handeye_fg.options import PoseFileOptions
 from handeye_fg.types import RobotPoses, Setup
 
 PoseList = Array | str | Path | Mapping[str, Array]
@@ -39,8 +40,10 @@ def read_pairs(
     weights: Array | None,
     setup: Setup,
     motions: bool,
+    robot_file: PoseFileOptions | None = None,
+    camera_file: PoseFileOptions | None = None,
 ) -> NamedPairs:
-    """Both lists, row by row: arrays by order, files and mappings by name.
+    """Both lists, row by row: arrays by order, files and mappings by name, or by time.
 
     Rotations that are orthogonal within rounding in print are replaced by the nearest rotation.
 
@@ -51,11 +54,16 @@ def read_pairs(
         weights: (n,), or None.
         setup: for eye-to-hand robot poses are inverted; motions are taken as they are.
         motions: whether the lists are motions.
+        robot_file: how a file of the robot's is to be read, and how its rows find those of the camera's,
+            which then count as images.
+        camera_file: how a file of the camera's is to be read.
 
     Raises:
         InputDataError: a list breaks its format, or the two do not fit together.
     """
-    named = [_named(robot), _named(camera)]
+    named_camera = _named(camera, camera_file, None)
+    partners = None if named_camera is None else named_camera.names
+    named = [_named(robot, robot_file, partners), named_camera]
     if named == [None, None]:
         arrays = (_array(robot, "robot"), _array(camera, "camera"))
         rows = tuple(f"row {i}" for i in range(len(arrays[0]))) if names is None else tuple(names)
@@ -80,10 +88,12 @@ def read_pairs(
     )
 
 
-def _named(source: PoseList) -> RobotPoses | None:
+def _named(
+    source: PoseList, options: PoseFileOptions | None, partners: Sequence[str] | None
+) -> RobotPoses | None:
     """Poses with names; None for an array."""
     if isinstance(source, str | Path):
-        return read_poses(Path(source))
+        return open_poses(source, options, partners).poses()
     return poses_from_mapping(source) if isinstance(source, Mapping) else None
 
 
