@@ -12,7 +12,6 @@ import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from handeye_fg.errors import HandEyeError
 from handeye_fg.io.config import read_config
@@ -45,9 +44,8 @@ class Order:
 
 def main() -> None:
     """Read the order, calibrate, and say how it ended."""
-    stream = sys.stdin.buffer
-    order = Order(**json.loads(stream.readline()))
-    threading.Thread(target=_end_with, args=(stream,), daemon=True).start()
+    order = Order(**json.loads(sys.stdin.buffer.readline()))
+    threading.Thread(target=_end_with, args=(sys.stdin.fileno(),), daemon=True).start()
     with suppress(OSError):  # where memory runs out, Linux ends this process before any other
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
     try:
@@ -55,6 +53,9 @@ def main() -> None:
     except HandEyeError as error:
         status, message = "failed", " ".join(str(error).split())
     write_atomic(Path(order.outcome), json.dumps({"status": status, "message": message}))
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # all is written; to take the libraries down again costs time, and can fail
 
 
 def _calibrated(order: Order) -> tuple[str, str]:
@@ -82,9 +83,10 @@ def _calibrated(order: Order) -> tuple[str, str]:
     return result.status, result.message
 
 
-def _end_with(stream: BinaryIO) -> None:
-    """End this process when the stream does."""
-    stream.read()
+def _end_with(stream: int) -> None:
+    """End this process when the stream, a file descriptor, does."""
+    while os.read(stream, 1):
+        pass
     os._exit(_ORPHANED)
 
 

@@ -3,7 +3,7 @@
 import logging
 import secrets
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -12,12 +12,13 @@ import dask
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, as_completed, get_worker
 from distributed.system import MEMORY_LIMIT
+from distributed.utils import silence_logging_cmgr
 
 from handeye_fg.batching import sources, summary
 from handeye_fg.batching.manifest import DataSet, checked, read_data_sets
 from handeye_fg.batching.rows import Batch, Row
 from handeye_fg.batching.task import Job, run_data_set
-from handeye_fg.errors import InputDataError
+from handeye_fg.errors import HandEyeError, InputDataError
 from handeye_fg.io.fields import reason
 from handeye_fg.options import Options
 from handeye_fg.progress import Progress, silent
@@ -68,6 +69,7 @@ def batch(
     Raises:
         InputDataError: the manifest breaks its form, the output cannot be written, or the scheduler does
             not answer; nothing was calibrated.
+        HandEyeError: the scheduler was lost.
     """
     if jobs is not None and jobs < 1:
         raise InputDataError(f"jobs is {jobs}, but must be 1 or more")
@@ -169,7 +171,9 @@ def _client(scheduler: str | Client | None, jobs: int) -> Iterator[Client]:
             raise InputDataError(
                 f"scheduler {scheduler}: does not answer ({reason(error)}); check the address"
             ) from error
-        with client:
+        with silence_logging_cmgr(logging.CRITICAL), client:
+            if not client.nthreads():
+                _LOG.warning("%s has no worker yet; the batch waits for the first", scheduler)
             yield client
         return
     with (
@@ -209,8 +213,8 @@ def _rows(client: Client, todo: Iterator[Job], most: int | None) -> Iterator[Row
             jobs[key] = job
             pending.add(future)
 
-    hand_over()
     try:
+        hand_over()
         for future, row in pending:
             job = jobs.pop(future.key)
             if isinstance(row, Row):
@@ -219,8 +223,13 @@ def _rows(client: Client, todo: Iterator[Job], most: int | None) -> Iterator[Row
                 yield _lost(job, row)
             future.release()
             hand_over()
+    except OSError as error:
+        raise HandEyeError(
+            f"the scheduler was lost ({reason(error)}); begin the batch again: what is done is kept"
+        ) from error
     finally:
-        client.cancel(list(pending.futures))
+        with suppress(OSError):
+            client.cancel(list(pending.futures))
 
 
 def _lost(job: Job, failure: object) -> Row:

@@ -234,9 +234,11 @@ def _calibrated(
             process.wait()
             if process.stdin is not None:
                 process.stdin.close()
+    if (folder / LOG).stat().st_size == 0:
+        (folder / LOG).unlink()
     if end is None and outcome.is_file():
         return dict(json.loads(outcome.read_text(encoding="utf-8")))
-    return {"status": "failed", "message": f"{end or _crash(process.returncode, folder / LOG)}"}
+    return {"status": "failed", "message": end or _crash(process.returncode, folder / LOG)}
 
 
 def _ended(
@@ -267,15 +269,16 @@ def _ended(
 
 def _crash(code: int, log: Path) -> str:
     """How a calibration ended that has not said so itself."""
-    lines = log.read_text(encoding="utf-8", errors="backslashreplace").split("\n")
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+    text = log.read_text(encoding="utf-8", errors="backslashreplace") if log.exists() else ""
+    last = next((line.strip() for line in reversed(text.split("\n")) if line.strip()), "")
     if code == -signal.SIGKILL:
         how = "was killed, most likely since memory ran out"
     elif code < 0:
         how = f"crashed by signal {-code} ({signal.strsignal(-code)})"
     else:
         how = f"ended with code {code} and without a result ({last[:200]})"
-    return f"the calibration {how}; see {LOG} in its folder, and try this data set alone"
+    where = f"see {LOG} in its folder, and " if text else ""
+    return f"the calibration {how}; {where}try this data set alone"
 
 
 def _drift(result: Result, reference: str, significance: float, scratch: Path) -> Comparison:

@@ -23,6 +23,7 @@ import handeye_fg as hf
 from handeye_fg import Batch, Comparison, Difference, InputDataError, Row, cli
 from handeye_fg.batching import run
 from handeye_fg.batching.run import batch
+from handeye_fg.batching.task import Job
 from handeye_fg.commands.batch import exit_code
 from handeye_fg.frames import exp
 
@@ -93,6 +94,8 @@ def test_no_data_set_harms_another(sets: Sets, tmp_path: Path) -> None:
     assert "code 7" in said["exits"]
     assert "half a" in said["exits"]
     assert (out / "exits" / "log.txt").read_text(encoding="utf-8") == "half a\n"
+    assert "Fatal Python error: Segmentation fault" in (out / "segfault" / "log.txt").read_text()
+    assert not (out / "good & sound" / "log.txt").exists()
 
     # 3. The summaries say the same.
     with (out / "summary.csv").open(encoding="utf-8", newline="") as file:
@@ -267,6 +270,57 @@ def test_workers_of_this_process_listen_on_loopback_only() -> None:
             if connection.status == psutil.CONN_LISTEN
         ]
     assert set(listening) <= {"127.0.0.1"}
+
+
+def job(name: str) -> Job:
+    return Job(
+        data=hf.DataSet(name=name, model="m", poses="p"),
+        output="out",
+        sign="",
+        options=hf.Options(),
+        threads=1,
+        timeout_s=1.0,
+        significance=0.01,
+    )
+
+
+@pytest.mark.parametrize(("most", "bound"), [(None, 2 * 2 + 1), (2, 2)])
+def test_few_jobs_wait_at_the_scheduler(
+    monkeypatch: pytest.MonkeyPatch, most: int | None, bound: int
+) -> None:
+    """However many data sets there are: what is handed over and not done is bounded."""
+    row = Row(name="", status="ok", message="", kept=False, seconds=0.0, worker="")
+    monkeypatch.setattr(run, "run_data_set", lambda job, _wanted: replace(row, name=job.data.name))
+    taken = 0
+
+    def todo() -> Iterator[Job]:
+        nonlocal taken
+        for k in range(60):
+            taken += 1
+            yield job(f"{k}")
+
+    names, ahead = set(), []
+    with run._client(None, 2) as client:
+        for found in run._rows(client, todo(), most):
+            ahead.append(taken - len(names))
+            names.add(found.name)
+    assert names == {f"{k}" for k in range(60)}
+    assert max(ahead) == bound
+
+
+def test_what_the_cluster_cannot_do_fails_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = Row(name="", status="ok", message="", kept=False, seconds=0.0, worker="")
+
+    def calibrated(job: Job, _wanted: Callable[[], bool]) -> Row:
+        if job.data.name == "b":
+            raise RuntimeError("the worker is of another version")
+        return replace(row, name=job.data.name)
+
+    monkeypatch.setattr(run, "run_data_set", calibrated)
+    with run._client(None, 1) as client:
+        rows = {row.name: row for row in run._rows(client, map(job, "abc"), None)}
+    assert [rows[name].status for name in "abc"] == ["ok", "failed", "ok"]
+    assert "(the worker is of another version)" in rows["b"].message
 
 
 @pytest.mark.slow
