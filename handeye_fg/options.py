@@ -12,6 +12,8 @@ import tyro
 if TYPE_CHECKING:
     from handeye_fg.frames import Array
 
+Preset = Literal["auto", "fast", "normal", "thorough"]
+Pairs = Literal["auto", "all", "robot"]
 Intrinsics = Literal["auto", "fixed", "prior", "free"]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 CameraNoise = Literal["auto", "independent", "odometry"]
@@ -90,13 +92,19 @@ MethodName = Literal[
 class SfmOptions:
     """Structure from motion."""
 
-    max_features: int = 8192
-    """Most features kept in an image."""
+    preset: Preset = "auto"
+    """How many features are searched for and how finely: accuracy against time. auto: the more images,
+    the fewer features each of them needs."""
+    pairs: Pairs = "auto"
+    """Which pairs of images are matched: all, or those that should see the same things by the robot's
+    poses. auto: all of up to 30 images, by the robot of more."""
+    max_features: int | None = None
+    """Most features kept in an image; otherwise the preset says."""
     threads: int = 0
     """Threads to use; 0: all cores."""
 
     def __post_init__(self) -> None:
-        if self.max_features < 1:
+        if self.max_features is not None and self.max_features < 1:
             raise ValueError(f"sfm.max_features is {self.max_features}, but must be 1 or more")
         if self.threads < 0:
             raise ValueError(f"sfm.threads is {self.threads}, but must be 0 or more")

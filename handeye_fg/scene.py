@@ -7,6 +7,7 @@ import numpy as np
 
 from handeye_fg import sfm
 from handeye_fg.errors import ReconstructionError
+from handeye_fg.expected import all_cameras
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
 from handeye_fg.joining import joined, moves_as_reported
@@ -103,6 +104,10 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
         seed=options.seed,
         progress=progress,
         turns=inputs.turns(inputs.names, options.setup),
+        guide=sfm.RobotGuide(
+            base_T_gripper=inputs.robot_poses(inputs.names),
+            place=lambda some: all_cameras(some, inputs, options),
+        ),
     )
     return _judged(joined(model, inputs, folder), inputs)
 

@@ -8,12 +8,14 @@ from handeye_fg.sfm.completion import complete
 from handeye_fg.sfm.metric import write_metric
 from handeye_fg.sfm.model import ModelSource, read_model
 from handeye_fg.sfm.native import set_verbosity
+from handeye_fg.sfm.pairs import RobotGuide
 from handeye_fg.sfm.reconstruct import reconstruct
 from handeye_fg.sfm.tracks import from_tracks
 from handeye_fg.sfm.writing import write_model
 
 __all__ = [
     "ModelSource",
+    "RobotGuide",
     "complete",
     "from_tracks",
     "read_model",

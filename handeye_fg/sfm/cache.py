@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.frames import Array
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.turns import RobotTurns
@@ -34,6 +35,7 @@ def inputs_digest(
     *,
     refine_intrinsics: bool,
     turns: RobotTurns | None = None,
+    poses: Array | None = None,
 ) -> str:
     """SHA-256 of everything that a reconstruction depends on.
 
@@ -46,6 +48,7 @@ def inputs_digest(
         "options": {**asdict(options), "threads": None},
         "seed": seed,
         "turns": None if turns is None else [turns.setup, turns.rotations.tolist()],
+        "poses": None if poses is None else poses.tolist(),
         "refine_intrinsics": refine_intrinsics,
         "cameras": None
         if cameras is None

@@ -1,21 +1,18 @@
-"""Features and matches of a set of images in a COLMAP database; entry point ``fill_database``."""
+"""Features of a set of images in a COLMAP database; entry point ``extract_features``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb
 from pathlib import Path
 
 import pycolmap
 
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
-from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.sfm.native import native_threads, run_cancellable
+from handeye_fg.sfm.presets import effort_of
 from handeye_fg.sfm.static import drop_static
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, folder_of
-
-# COLMAP's meaning of "all cores".
-_ALL_CORES = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +34,7 @@ STRICT = Sensitivity()
 SENSITIVE = Sensitivity(peak_threshold=0.002, guided=True)
 
 
-def native_threads(options: SfmOptions) -> int:
-    """The number of threads as COLMAP wants it."""
-    return options.threads or _ALL_CORES
-
-
-def fill_database(
+def extract_features(
     database: Path,
     images: Path,
     names: Sequence[str],
@@ -55,7 +47,7 @@ def fill_database(
     progress: Progress,
     turns: RobotTurns | None = None,
 ) -> float:
-    """Find features in the named images and match all pairs.
+    """Find features in the named images.
 
     Args:
         database: file to write; it must not exist.
@@ -67,7 +59,7 @@ def fill_database(
         sensitivity: how eagerly features are taken.
         options: limits.
         seed: of the random samples.
-        progress: told "features" and "pairs".
+        progress: told "features".
         turns: how the robot turned from image to image; None: static features are kept.
 
     Returns:
@@ -76,6 +68,7 @@ def fill_database(
     Raises:
         ReconstructionError: COLMAP failed.
     """
+    effort = effort_of(options, len(names))
     reader_options = pycolmap.ImageReaderOptions()
     reader_options.camera_model = "OPENCV"
     if cameras is not None:
@@ -87,15 +80,10 @@ def fill_database(
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.use_gpu = False
     extraction.num_threads = native_threads(options)
-    extraction.sift.max_num_features = options.max_features
+    extraction.sift.max_num_features = effort.max_features
+    extraction.sift.first_octave = effort.first_octave
     if sensitivity.peak_threshold is not None:
         extraction.sift.peak_threshold = sensitivity.peak_threshold
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.use_gpu = False
-    matching.num_threads = native_threads(options)
-    matching.guided_matching = sensitivity.guided
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = seed
     pycolmap.set_random_seed(seed)
     # The counts are read over a connection of pycolmap's own SQLite. Python's sqlite3 is another copy
     # of the library: two copies on one file in one process break each other's locks and crash.
@@ -132,21 +120,7 @@ def fill_database(
             "the search for features",
             lambda: progress("features", sum(map(counts.exists_keypoints, ids)), total),
         )
-        static_share = 0.0 if turns is None else drop_static(database, turns)
-        n_pairs = comb(total, 2)
-        progress("pairs", 0, n_pairs)
-        run_cancellable(
-            lambda token: pycolmap.match_exhaustive(
-                database,
-                matching_options=matching,
-                verification_options=verification,
-                device=pycolmap.Device.cpu,
-                cancellation_token=token,
-            ),
-            "the matching of features",
-            lambda: progress("pairs", counts.num_matched_image_pairs(), n_pairs),
-        )
-    return static_share
+        return 0.0 if turns is None else drop_static(database, turns)
 
 
 def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel]) -> None:
@@ -157,16 +131,3 @@ def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel])
         native.model = pycolmap.CameraModelId.__members__[camera.model]
         native.params = list(camera.params)
         database.update_camera(native)
-
-
-def matching_summary(database: Path) -> dict[str, tuple[int, int]]:
-    """For every image of the database: its number of features, and of inliers in its best pair."""
-    with pycolmap.Database.open(database) as db:
-        names = {image.image_id: image.name for image in db.read_all_images()}
-        features = {i: db.num_keypoints_for_image(i) for i in names}
-        pair_ids, inliers = db.read_two_view_geometry_num_inliers()
-    best = dict.fromkeys(names, 0)
-    for pair_id, n in zip(pair_ids, inliers, strict=True):
-        for i in pycolmap.pair_id_to_image_pair(pair_id):
-            best[i] = max(best[i], n)
-    return {name: (features[i], best[i]) for i, name in names.items()}

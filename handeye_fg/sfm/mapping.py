@@ -1,7 +1,7 @@
 """From matches to camera poses: incremental mapping at several settings; entry point ``map_images``."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,9 @@ _RELAXED_POSE_INLIERS = 12
 _RELAXED_PAIR_MATCHES = 10
 # Models that are begun from other pairs, when the first left images out.
 _MOST_MODELS = 5
+# Of many images, the whole is adjusted each time that it has grown by this part, and twice then (COLMAP: a
+# tenth, and up to five times): 40 % less time, and the same X. The joint refinement adjusts it again.
+_MANY, _GROWTH, _ROUNDS = 30, 1.4, 2
 # More threads were not faster with 80,000 observations, and let the last digits differ between runs.
 _THREADS = 1
 
@@ -63,6 +66,7 @@ def map_images(
     file_cameras: Mapping[str, CameraModel] | None,
     seed: int,
     progress: Progress,
+    names: Sequence[str] = (),
 ) -> list[pycolmap.Reconstruction]:
     """Reconstruct from the matches of a database.
 
@@ -75,6 +79,7 @@ def map_images(
             None.
         seed: of the random samples.
         progress: told "registered".
+        names: the images to place; none: all.
 
     Returns:
         The acceptable models, the largest first; they share few images or none.
@@ -83,6 +88,11 @@ def map_images(
         ReconstructionError: COLMAP failed.
     """
     pipeline = _pipeline_options(rung, seed)
+    if n_images > _MANY:
+        pipeline.ba_global_frames_ratio = pipeline.ba_global_points_ratio = _GROWTH
+        pipeline.ba_global_max_refinements = _ROUNDS
+        pipeline.ba_local_max_refinements = 1
+    pipeline.image_names = list(names)
     registered = 0
 
     def pair_placed() -> None:

@@ -7,6 +7,7 @@ from typing import TypeVar
 import pycolmap
 
 from handeye_fg.errors import ReconstructionError
+from handeye_fg.options import SfmOptions
 
 T = TypeVar("T")
 
@@ -14,6 +15,13 @@ T = TypeVar("T")
 _QUIET, _VERBOSE = 3, 0
 # How often counts are read and an interrupt is noticed.
 _POLL_S = 0.1
+# COLMAP's meaning of "all cores".
+_ALL_CORES = -1
+
+
+def native_threads(options: SfmOptions) -> int:
+    """The number of threads as COLMAP wants it."""
+    return options.threads or _ALL_CORES
 
 
 def set_verbosity(verbose: bool) -> None:

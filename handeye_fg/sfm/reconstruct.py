@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pycolmap
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.intrinsics import covers_image, fitted_opencv
 from handeye_fg.options import SfmOptions
-from handeye_fg.progress import Progress
+from handeye_fg.progress import Progress, silent
 from handeye_fg.sfm.cache import (
     check_replaceable,
     inputs_digest,
@@ -23,13 +24,14 @@ from handeye_fg.sfm.features import (
     SENSITIVE,
     STRICT,
     Sensitivity,
-    fill_database,
-    matching_summary,
+    extract_features,
     set_cameras,
 )
 from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
+from handeye_fg.sfm.matching import Matcher, matching_summary
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_fragment, to_sfm_model, too_few
+from handeye_fg.sfm.pairs import RobotGuide, by_robot, match_by_robot
 from handeye_fg.sfm.self_calibration import with_centre
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment, SfmModel
@@ -66,6 +68,7 @@ class _Task:
     progress: Progress
     refine: bool
     turns: RobotTurns | None
+    guide: RobotGuide | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +94,7 @@ def reconstruct(
     progress: Progress,
     refine_intrinsics: bool = False,
     turns: RobotTurns | None = None,
+    guide: RobotGuide | None = None,
 ) -> SfmModel:
     """Reconstruct camera poses and points, up to a similarity, from images.
 
@@ -110,6 +114,8 @@ def reconstruct(
         turns: how the robot turned from image to image, in the order of the names: static features
             are left out, and pairs of images that contradict the robot where they win. None: it is
             not asked.
+        guide: what the robot knows of where the images were taken, in the order of the names; where the
+            options say so, it tells which pairs of images are matched.
 
     Returns:
         The model; its ``cameras`` are what was used in the end.
@@ -120,6 +126,7 @@ def reconstruct(
         ReconstructionError: fewer than 3 images were placed, or COLMAP failed.
     """
     folder, names = Path(folder), tuple(names)
+    guide = guide if by_robot(options, len(names)) else None
     digest = inputs_digest(
         images,
         names,
@@ -129,6 +136,7 @@ def reconstruct(
         seed,
         refine_intrinsics=refine_intrinsics,
         turns=turns,
+        poses=None if guide is None else guide.base_T_gripper,
     )
     model = stored_model(folder, digest)
     if model is not None:
@@ -145,6 +153,7 @@ def reconstruct(
         progress=progress,
         refine=refine_intrinsics or cameras is None or not all(map(covers_image, cameras.values())),
         turns=turns,
+        guide=guide,
     )
     with staging(folder) as work:
         found = _by_robot(task, _climb(task, work), work)
@@ -249,7 +258,8 @@ def _by_robot(task: _Task, found: _Found, work: Path) -> _Found:
 
 
 def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> float:
-    return fill_database(
+    """Features and matches; the part of the features that were left out because they are static."""
+    static_share = extract_features(
         database,
         task.images,
         task.names,
@@ -261,6 +271,37 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> float:
         progress=task.progress,
         turns=task.turns,
     )
+    matcher = Matcher(
+        database=database,
+        guided=sensitivity.guided,
+        options=task.options,
+        seed=task.seed,
+        progress=task.progress,
+    )
+    if task.guide is None:
+        matcher.match_all()
+    else:
+        match_by_robot(matcher, task.names, task.guide, partial(_some, task, database))
+    return static_share
+
+
+def _some(task: _Task, database: Path, names: tuple[str, ...]) -> SfmModel | None:
+    """A model of some of the images."""
+    rung = Rung(relaxed=False, refine=task.refine)
+    models = map_images(
+        database,
+        task.images,
+        rung,
+        n_images=len(names),
+        file_cameras=task.cameras,
+        seed=task.seed,
+        progress=silent,
+        names=names,
+    )
+    found = next(iter(models), None)
+    if found is None or found.num_reg_images() < FEWEST_IMAGES or _thin(found):
+        return None
+    return to_sfm_model(found)
 
 
 def _refinable(cameras: Mapping[str, CameraModel] | None) -> Mapping[str, CameraModel] | None:

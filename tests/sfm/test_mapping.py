@@ -7,8 +7,8 @@ import pycolmap
 import pytest
 
 from handeye_fg.progress import silent
-from handeye_fg.sfm.features import matching_summary
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
+from handeye_fg.sfm.matching import matching_summary
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.sfm.self_calibration import with_centre
 from handeye_fg.types import CameraModel

@@ -1,0 +1,162 @@
+"""The pairs of images that are worth matching, by the robot's poses; entry point ``match_by_robot``.
+
+A few images are matched and mapped first. From them follow X and the scale, so that the robot says where
+every camera was, and what it should see. Where images do not show what they should, the robot's poses
+may be wrong: such an image is matched with all others.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from handeye_fg import frames
+from handeye_fg.frames import Array
+from handeye_fg.options import SfmOptions
+from handeye_fg.overlap import best_partners, expected_matches
+from handeye_fg.sfm.guided import turns_of_pairs
+from handeye_fg.sfm.matching import Matcher
+from handeye_fg.types import Indices, SfmModel, folder_of
+
+# Below, all pairs take no longer than the choice of some.
+_MOST_FOR_ALL = 30
+# Images to begin with; others to match an image with. With 8 others X is the same as with all 59.
+_BEGINNING, _PARTNERS = 16, 12
+# Poses that are this near, in parts of the usual distance, are one.
+_SAME = 1e-6
+# COLMAP's least number of inliers of a pair.
+_FEWEST_MATCHES = 15
+# Two views of a small or flat object give their turn to some degrees.
+_WITHIN = np.deg2rad(4.0)
+# More images than this part that are not where the robot says: the robot's poses are of no use.
+_MOST_DOUBTFUL = 1.0 / 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobotGuide:
+    """What the robot knows of where the images were taken.
+
+    Attributes:
+        base_T_gripper: the reported poses (n, 4, 4) of the images in the order of their names, in the form
+            of the equations.
+        place: from a model of some images, camera poses (n, 4, 4) of all in its world; None: robot and
+            model do not agree well enough, or it has no image of some camera.
+    """
+
+    base_T_gripper: Array
+    place: Callable[[SfmModel], Array | None]
+
+
+def by_robot(options: SfmOptions, n_images: int) -> bool:
+    """Whether the robot is to say which pairs are matched."""
+    return options.pairs == "robot" or (options.pairs == "auto" and n_images > _MOST_FOR_ALL)
+
+
+def match_by_robot(
+    matcher: Matcher,
+    names: tuple[str, ...],
+    guide: RobotGuide,
+    map_some: Callable[[tuple[str, ...]], SfmModel | None],
+) -> None:
+    """Match the pairs of images that should see the same things, or all where that is not known.
+
+    Args:
+        matcher: of a database with the features of the images.
+        names: of all images, in their order.
+        guide: what the robot knows.
+        map_some: the model of some of the images from the matches so far.
+
+    Raises:
+        ReconstructionError: COLMAP failed.
+    """
+    for beginning in beginnings(guide.base_T_gripper):
+        matcher.match_pairs(_all_pairs(beginning))
+        model = map_some(tuple(names[i] for i in beginning.tolist()))
+        placed = None if model is None else guide.place(model)
+        if model is None or placed is None:
+            continue
+        of_folder = dict(zip(map(folder_of, model.names), model.image_camera.tolist(), strict=True))
+        camera = np.array([of_folder[folder_of(name)] for name in names])
+        expected = expected_matches(model, placed, model.cameras, camera)
+        chosen = best_partners(expected, _PARTNERS)
+        matcher.match_pairs(_pairs(chosen))
+        doubtful = not_as_placed(matcher.database, chosen, placed, matcher.seed)
+        if np.mean(doubtful) <= _MOST_DOUBTFUL:
+            matcher.match_pairs(_pairs(doubtful | doubtful[:, None]))
+            return
+        break
+    matcher.match_all()
+
+
+def beginnings(base_T_gripper: Array) -> Iterator[Indices]:
+    """Sets of images to begin with, in the order in which they are to be tried.
+
+    First some that are spread over the half in the middle: they tell X well, and are near enough to each
+    other to be matched. Then those that are nearest to each other. Images at one pose come together.
+    """
+    apart = _apart(base_T_gripper)
+    by_nearness = np.argsort(apart[np.argmin(apart.sum(axis=1))], kind="stable")
+    half = by_nearness[: max(_BEGINNING, (len(apart) + 1) // 2)]
+    spread = half[:1]
+    while True:
+        to_spread = apart[spread].min(axis=0)
+        chosen = np.flatnonzero(to_spread < _SAME)
+        if len(chosen) >= _BEGINNING or np.all(to_spread[half] < _SAME):
+            break
+        spread = np.append(spread, half[np.argmax(to_spread[half])])
+    yield chosen
+    yield np.sort(by_nearness[:_BEGINNING])
+
+
+def not_as_placed(
+    database: Path, chosen: NDArray[np.bool_], world_T_camera: Array, seed: int
+) -> NDArray[np.bool_]:
+    """The images (n,) of which fewer pairs agree with the cameras' poses than do not.
+
+    Args:
+        database: with the chosen pairs matched.
+        chosen: which pairs (n, n) were expected to match.
+        world_T_camera: the camera poses (n, 4, 4).
+        seed: of the sample, where there are very many pairs.
+    """
+    with pycolmap.Database.open(database) as db:
+        pair_ids, inliers = db.read_two_view_geometry_num_inliers()
+        several = db.num_cameras() > 1
+    found = np.zeros(chosen.shape)
+    for pair_id, n in zip(pair_ids, inliers, strict=True):
+        first, second = pycolmap.pair_id_to_image_pair(pair_id)
+        found[first - 1, second - 1] = found[second - 1, first - 1] = n
+    verified = chosen & (found >= _FEWEST_MATCHES)
+    right, wrong = verified.sum(axis=1), (chosen & ~verified).sum(axis=1)
+    if not several:
+        pairs = turns_of_pairs(database, seed)
+        R = world_T_camera[:, :3, :3]
+        expected = np.swapaxes(R[pairs.i], 1, 2) @ R[pairs.j]
+        off = frames.rotation_angle(np.swapaxes(expected, 1, 2) @ pairs.camera) > _WITHIN
+        astray = np.zeros(chosen.shape, dtype=bool)
+        astray[pairs.i[off], pairs.j[off]] = astray[pairs.j[off], pairs.i[off]] = True
+        n_astray = (astray & verified).sum(axis=1)
+        right, wrong = right - n_astray, wrong + n_astray
+    return np.asarray(right < wrong)
+
+
+def _apart(poses: Array) -> Array:
+    """How far poses are from each other (n, n): turns and ways in parts of the usual ones."""
+    R, t = poses[:, :3, :3], poses[:, :3, 3]
+    turns = frames.rotation_angle(np.swapaxes(R, 1, 2)[:, None] @ R)
+    ways = np.linalg.norm(t[:, None] - t, axis=2)
+    return np.asarray(sum(d / max(float(np.median(d)), 1e-12) for d in (turns, ways)))
+
+
+def _all_pairs(images: Indices) -> Indices:
+    """All pairs (k, 2) of some images."""
+    i, j = np.triu_indices(len(images), 1)
+    return np.column_stack([images[i], images[j]])
+
+
+def _pairs(chosen: NDArray[np.bool_]) -> Indices:
+    """The pairs (k, 2) of a symmetric matrix."""
+    return np.argwhere(np.triu(chosen, 1))
