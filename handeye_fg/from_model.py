@@ -1,33 +1,140 @@
-"""Calibration from an existing COLMAP model instead of images."""
+"""Calibration from an existing reconstruction instead of images: ``refine``."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
 
 from handeye_fg import sfm
-from handeye_fg.inputs import PosesSource, read_model_inputs
+from handeye_fg.errors import InputDataError, ReconstructionError
+from handeye_fg.frames import Array
+from handeye_fg.from_poses import solve
+from handeye_fg.inputs import PosesSource, read_model_inputs, robot_poses
+from handeye_fg.io.images import list_cameras
+from handeye_fg.io.model_poses import TRANSFORMS, read_camera_poses
 from handeye_fg.io.results import Result
-from handeye_fg.options import Options
+from handeye_fg.options import Options, RobotNoise
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene
+from handeye_fg.types import folders_of
+
+Model = sfm.ModelSource | Mapping[str, Array]
+"""What ``refine`` takes: a reconstruction, its folder or file, or camera poses by image name."""
 
 
 def refine(
-    model: sfm.ModelSource,
+    model: Model,
     poses: PosesSource,
     options: Options | None = None,
     *,
+    images: str | Path | None = None,
     progress: Progress = silent,
 ) -> Result:
     """Find the pose of a camera on a robot arm from an existing reconstruction.
 
+    A COLMAP model has the images' points, and is refined as after ``calibrate``'s own structure from motion; its
+    intrinsics are taken as given. Where there are only camera poses (a model without points, nerfstudio, a
+    trajectory from SLAM), X comes from pose pairs as by ``solve`` with ``pose_graph``, which finds their unit.
+
     Args:
-        model: a ``pycolmap.Reconstruction`` or the folder of one; its intrinsics are taken as given.
-        poses: CSV file, or {image name: base_T_gripper (4, 4)} in metres.
+        model: a ``pycolmap.Reconstruction``; the folder of a COLMAP model (.bin or .txt, of COLMAP 3 or 4), or one
+            that has it in sparse/0; a transforms.json of nerfstudio or its folder; a file with a trajectory, such as
+            TUM; or {image name: world_T_camera (4, 4)}. Rows of a trajectory are paired by name or time, or as
+            ``options.poses.pair_by`` says.
+        poses: file of poses, or {image name: base_T_gripper (4, 4)} in metres.
         options: None: defaults.
+        images: folder of the images: only these are used; None: all of the model.
         progress: told of every stage.
 
     Raises:
         HandEyeError: see its subclasses; the message says what to do.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> robot, camera, truth = simulate_poses(np.random.default_rng(0), n_poses=15)
+        >>> names = [f"{i}.jpg" for i in range(15)]
+        >>> result = hf.refine(dict(zip(names, camera)), dict(zip(names, robot)))
+        >>> bool(np.allclose(result.matrix, truth.gripper_T_camera, atol=1e-3))
+        True
     """
     options, clock = options or Options(), Stopwatch()
-    inputs, paired = read_model_inputs(sfm.read_model(model), poses, options)
+    names = None if images is None else list_cameras(Path(images))
+    source = _reconstruction(model)
+    if source is None:
+        return _from_poses(model, poses, options, names)
+    try:
+        reconstruction = sfm.read_model(source)
+    except ReconstructionError:
+        known = sfm.read_model_poses(source)
+        if len(known) < sfm.FEWEST_IMAGES:
+            raise
+        return _from_poses(known, poses, options, names)
+    inputs, paired = read_model_inputs(reconstruction, poses, options, names)
     clock.lap("input")
     return solve_scene(Scene(model=paired), inputs, options, clock, progress)
+
+
+def _reconstruction(model: Model) -> sfm.ModelSource | None:
+    """The COLMAP model; None for camera poses alone.
+
+    Raises:
+        InputDataError: a folder holds neither.
+    """
+    if isinstance(model, Mapping):
+        return None
+    if not isinstance(model, str | Path):
+        return model
+    path = Path(model)
+    if path.is_file():
+        return None
+    if not path.exists():
+        return path
+    folder = sfm.model_folder(path)
+    if folder is None and not (path / TRANSFORMS).is_file():
+        raise InputDataError(
+            f"model {path}: holds no COLMAP model (cameras, images and points3D, .bin or .txt, there or in "
+            f"sparse/0) and no {TRANSFORMS}; give the folder of one"
+        )
+    return folder
+
+
+def _from_poses(
+    model: Model, poses: PosesSource, options: Options, images: Sequence[str] | None
+) -> Result:
+    """X from pose pairs, by name.
+
+    Raises:
+        InputDataError: the images are of several cameras, or poses break their format.
+    """
+    if images is not None and len(folders_of(images)) > 1:
+        raise InputDataError(
+            "the model has camera poses without points, which serve one camera, but the images are of several; "
+            "give the images of one, or a COLMAP model with its points"
+        )
+    robot = robot_poses(poses, options, images)
+    wanted = robot.names if images is None else [name for name in robot.names if name in images]
+    camera = (
+        dict(model)
+        if isinstance(model, Mapping)
+        else read_camera_poses(Path(str(model)), wanted, options.poses.pair_by)
+    )
+    noise = options.noise
+    return solve(
+        {
+            name: np.asarray(matrix)
+            for name, matrix in zip(robot.names, robot.base_T_gripper, strict=True)
+            if name in set(wanted)
+        },
+        camera,
+        "pose_graph",
+        setup=options.setup,
+        noise=RobotNoise(
+            robot_rotation_deg=noise.robot_rotation_deg,
+            robot_translation_mm=noise.robot_translation_mm,
+        ),
+        priors=options.priors,
+        seed=options.seed,
+    )

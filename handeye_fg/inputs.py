@@ -27,6 +27,7 @@ PosesSource = str | Path | Mapping[str, Array] | RobotPoses
 CameraSource = str | Path | CameraModel | None
 TargetSource = str | Path | Target | None
 
+_NOT_IN_MODEL = "the model has no such image"
 _FEWEST_IMAGES = 3  # two motions, the least that determine X
 # An arm that stands still reports poses nearer than this.
 _SAME_POSE_DEG, _SAME_POSE_MM = 1.0, 10.0
@@ -122,7 +123,7 @@ def read_inputs(
         InputDataError: something is missing, damaged or does not fit together.
     """
     listed = list_cameras(images)
-    robot = _robot_poses(poses, options, listed)
+    robot = _as_in_equations(robot_poses(poses, options, listed), options)
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(listed, robot.names)
     names = pairing.paired
@@ -214,22 +215,41 @@ def _copies(looks: Mapping[str, Look], robot: RobotPoses) -> dict[str, str]:
 
 
 def read_model_inputs(
-    model: SfmModel, poses: PosesSource, options: Options
+    model: SfmModel, poses: PosesSource, options: Options, images: Sequence[str] | None = None
 ) -> tuple[Inputs, SfmModel]:
     """Check the poses for an existing model; the model comes back with the paired images only.
+
+    Args:
+        model: the reconstruction.
+        poses: of the robot.
+        options: of the calibration.
+        images: names of the images that are to be used; None: all of the model.
 
     Raises:
         InputDataError: the poses break their format, or fewer than three belong to the model.
     """
-    robot = _robot_poses(poses, options, model.names)
-    pairing = pair_names(model.names, robot.names)
+    names, left_out = model.names, []
+    if images is not None:
+        listed = set(images)
+        named = {name: pose_name(name, listed) for name in names}
+        names = tuple(name for name in names if named[name] is not None)
+        found = set(named.values())
+        left_out = [(name, _NOT_IN_MODEL) for name in images if name not in found]
+        if not names:
+            raise InputDataError(
+                f"no image has the name of one in the model: images are named like {images[0]}, those of the "
+                f"model like {model.names[0]}; give the images that the model was made from"
+            )
+    robot = _as_in_equations(robot_poses(poses, options, names), options)
+    pairing = pair_names(names, robot.names)
     if len(pairing.paired) < _FEWEST_IMAGES:
         raise InputDataError(
             f"only {len(pairing.paired)} images of the model have a pose, but at least "
             f"{_FEWEST_IMAGES} are needed; add poses under the model's image names"
         )
-    left_out = [(name, "no pose has this name") for name in pairing.images_without_pose]
-    left_out += [(name, "the model has no such image") for name in pairing.poses_without_image]
+    left_out += [(name, "no pose has this name") for name in pairing.images_without_pose]
+    known = {name for name, _ in left_out}
+    left_out += [(name, _NOT_IN_MODEL) for name in pairing.poses_without_image if name not in known]
     cameras = {
         folder_of(name): model.cameras[k]
         for name, k in zip(model.names, model.image_camera.tolist(), strict=True)
@@ -246,12 +266,24 @@ def read_model_inputs(
     return inputs, only(model, pairing.paired)
 
 
-def _robot_poses(poses: PosesSource, options: Options, images: Sequence[str]) -> RobotPoses:
-    """The poses in the form of the equations: for eye-to-hand their inverses."""
+def robot_poses(poses: PosesSource, options: Options, images: Sequence[str] | None) -> RobotPoses:
+    """The poses base_T_gripper as they are given.
+
+    Args:
+        poses: of the robot.
+        options: say how a file is read.
+        images: names of the images; None: the poses name themselves.
+
+    Raises:
+        InputDataError: the poses break their format.
+    """
     if isinstance(poses, str | Path):
-        poses = open_poses(poses, options.poses, images).poses()
-    elif not isinstance(poses, RobotPoses):
-        poses = poses_from_mapping(poses)
+        return open_poses(poses, options.poses, images).poses()
+    return poses if isinstance(poses, RobotPoses) else poses_from_mapping(poses)
+
+
+def _as_in_equations(poses: RobotPoses, options: Options) -> RobotPoses:
+    """The poses, for eye-to-hand their inverses."""
     if options.setup == "eye-in-hand":
         return poses
     return RobotPoses(names=poses.names, base_T_gripper=frames.inverse(poses.base_T_gripper))

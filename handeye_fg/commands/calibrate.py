@@ -14,8 +14,9 @@ from rich.console import Console
 
 from handeye_fg.commands.outcome import failure_as_json, told, written
 from handeye_fg.console import logged, native_stdout_moved, progress_view, stderr_console
+from handeye_fg.errors import InputDataError
 from handeye_fg.options import Options
-from handeye_fg.progress import silent
+from handeye_fg.progress import Progress, silent
 
 if TYPE_CHECKING:
     from handeye_fg.io.results import Result
@@ -31,7 +32,8 @@ class Calibrate:
 
     images: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IMAGES")]
     """Folder of the images; of several cameras on one arm with a sub-folder for each, in which images of
-    one robot pose have the same name."""
+    one robot pose have the same name. With --model only their names are read, and - stands for all of the
+    model."""
     poses: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POSES")]
     """For each image the pose of the gripper in the robot's base: a CSV file with the header
     image,x,y,z,qx,qy,qz,qw (metres, Hamilton quaternion), or a file or folder of any other --pose-format."""
@@ -44,6 +46,10 @@ class Calibrate:
     cam0/frame_0000.jpg.png): white is used."""
     target: Path | None = None
     """Target file (YAML): a board of known size that images show, with or without a scene around it."""
+    model: Path | None = None
+    """A reconstruction that exists already, instead of one from the images: folder of a COLMAP model, or of a
+    transforms.json of nerfstudio, or a file with the camera's trajectory (such as TUM), for which --pair-by holds
+    as well. Where it has no points, X comes from its camera poses alone."""
     config: Path | None = None
     """Options as a TOML file, such as the config.toml of an earlier run."""
     output: Path = Path("handeye-fg-out")
@@ -69,7 +75,6 @@ class Calibrate:
         return told(result, report, console, json=self.json, quiet=self.quiet)
 
     def _calibrate(self, console: Console) -> "Result":
-        from handeye_fg.pipeline import calibrate
         from handeye_fg.sfm import set_verbosity
 
         set_verbosity(self.verbose)
@@ -77,6 +82,10 @@ class Calibrate:
             stack.enter_context(logged(console, self._log_level()))
             stack.enter_context(native_stdout_moved(None if self.verbose else os.devnull))
             view = silent if self.quiet else stack.enter_context(progress_view(console))
+            if self.model is not None:
+                return self._refine(self.model, view)
+            from handeye_fg.pipeline import calibrate
+
             return calibrate(
                 self.images,
                 self.poses,
@@ -87,6 +96,19 @@ class Calibrate:
                 output=self.output,
                 progress=view,
             )
+
+    def _refine(self, model: Path, progress: Progress) -> "Result":
+        """From the reconstruction that exists already."""
+        from handeye_fg.from_model import refine
+
+        given = {"--camera": self.camera, "--masks": self.masks, "--target": self.target}
+        if unused := [flag for flag, value in given.items() if value is not None]:
+            raise InputDataError(
+                f"{' and '.join(unused)} cannot be used with --model, whose reconstruction has its own camera and "
+                "is not made again; leave it out"
+            )
+        images = None if str(self.images) == "-" else self.images
+        return refine(model, self.poses, self.options, images=images, progress=progress)
 
     def _log_level(self) -> int:
         if self.quiet:

@@ -6,7 +6,8 @@ Entry points: ``reconstruct`` (images to a model), ``complete`` (images that it 
 
 from handeye_fg.sfm.completion import complete
 from handeye_fg.sfm.metric import write_metric
-from handeye_fg.sfm.model import ModelSource, read_model
+from handeye_fg.sfm.model import FEWEST_IMAGES, ModelSource, read_model, read_model_poses
+from handeye_fg.sfm.model_files import model_folder
 from handeye_fg.sfm.native import set_verbosity
 from handeye_fg.sfm.pairs import RobotGuide
 from handeye_fg.sfm.reconstruct import reconstruct
@@ -14,11 +15,14 @@ from handeye_fg.sfm.tracks import from_tracks
 from handeye_fg.sfm.writing import write_model
 
 __all__ = [
+    "FEWEST_IMAGES",
     "ModelSource",
     "RobotGuide",
     "complete",
     "from_tracks",
+    "model_folder",
     "read_model",
+    "read_model_poses",
     "reconstruct",
     "set_verbosity",
     "write_metric",

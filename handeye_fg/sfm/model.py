@@ -4,7 +4,10 @@ COLMAP stores camera_T_world and puts the first pixel's centre at (0.5, 0.5), as
 are inverted here, pixels and intrinsics pass unchanged.
 """
 
+import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +17,7 @@ import pycolmap
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
+from handeye_fg.sfm.model_files import check_model_files, model_folder
 from handeye_fg.types import CameraModel, Fragment, SfmModel, Tracks, folder_of, folders_of
 
 ModelSource = pycolmap.Reconstruction | str | os.PathLike[str]
@@ -21,13 +25,17 @@ ModelSource = pycolmap.Reconstruction | str | os.PathLike[str]
 
 # Three cameras are the least from which robot motions determine X.
 FEWEST_IMAGES = 3
+# No observation is off by as much (pixels), and no camera lies as far away (world units), unless the model is
+# damaged.
+_LARGEST = 1e9
 
 
 def read_model(source: ModelSource) -> SfmModel:
     """Convert a COLMAP model.
 
     Args:
-        source: a reconstruction, or a folder with cameras, images and points3D (.bin or .txt).
+        source: a reconstruction, or a folder with cameras, images and points3D (.bin or .txt), of COLMAP 3 or 4, or
+            one that has it in sparse/0.
 
     Returns:
         The registered images in the order of their names; points in world units.
@@ -37,7 +45,25 @@ def read_model(source: ModelSource) -> SfmModel:
             cameras.
         ReconstructionError: fewer than 3 images are registered, or there are no points.
     """
-    return to_sfm_model(opened(source))
+    with _readable(source):
+        model = to_sfm_model(opened(source))
+    numbers = (model.world_T_camera, model.tracks.points_world, model.tracks.pixels)
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise InputDataError(
+            f"{_named(source)}: has poses, points or pixels that are no finite numbers; export the model again"
+        )
+    return model
+
+
+def read_model_poses(source: ModelSource) -> dict[str, Array]:
+    """The poses world_T_camera (4, 4) of the registered images of a COLMAP model by name, without its points.
+
+    Raises:
+        InputDataError: the folder holds no readable model.
+    """
+    with _readable(source):
+        images = _registered(opened(source))
+        return {image.name: world_T_camera(image) for image in images}
 
 
 def opened(source: ModelSource) -> pycolmap.Reconstruction:
@@ -48,19 +74,31 @@ def opened(source: ModelSource) -> pycolmap.Reconstruction:
     """
     if isinstance(source, pycolmap.Reconstruction):
         return source
-    folder = Path(source)
-    if not folder.is_dir():
+    if not Path(source).is_dir():
         raise InputDataError(
-            f"COLMAP model {folder}: no such folder; give the folder that holds cameras.bin, "
+            f"{_named(source)}: no such folder; give the folder that holds cameras.bin, "
             "images.bin and points3D.bin (or .txt)"
         )
-    try:
+    folder = model_folder(Path(source)) or Path(source)
+    check_model_files(folder)
+    with _readable(source):
         return pycolmap.Reconstruction(folder)
+
+
+@contextmanager
+def _readable(source: ModelSource) -> Iterator[None]:
+    """What COLMAP says of a damaged model as an error for users."""
+    try:
+        yield
     except (RuntimeError, ValueError, LookupError, OSError) as error:
         raise InputDataError(
-            f"COLMAP model {folder}: cannot be read ({error}); give the folder that holds "
+            f"{_named(source)}: cannot be read ({' '.join(str(error).split())[:300]}); give the folder that holds "
             "cameras.bin, images.bin and points3D.bin (or .txt), often sparse/0"
         ) from error
+
+
+def _named(source: ModelSource) -> str:
+    return "COLMAP model" + ("" if isinstance(source, pycolmap.Reconstruction) else f" {source}")
 
 
 def to_camera_model(camera: pycolmap.Camera) -> CameraModel:
@@ -141,9 +179,20 @@ def too_few(registered: int, total: int) -> str:
 
 
 def world_T_camera(image: pycolmap.Image) -> Array:
-    """The pose (4, 4) of a registered image."""
+    """The pose (4, 4) of a registered image.
+
+    Raises:
+        InputDataError: it is none: the model is damaged.
+    """
     camera_T_world = np.eye(4)
     camera_T_world[:3] = image.cam_from_world().matrix()
+    rotation = camera_T_world[:3, :3]
+    # Its square and its inverse may overflow where it is none.
+    bounded = np.abs(rotation).max() < 2.0 and np.abs(camera_T_world).max() < _LARGEST
+    if not (bounded and np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6)):
+        raise InputDataError(
+            f"the pose of image {image.name} in the COLMAP model is no rotation and position; export the model again"
+        )
     return frames.inverse(camera_T_world)
 
 
@@ -159,6 +208,11 @@ def _tracks(
     for i, image in enumerate(images):
         for point2D in image.get_observation_points2D():
             image_index.append(i)
+            if point2D.point3D_id not in position:
+                raise InputDataError(
+                    f"the COLMAP model lacks point {point2D.point3D_id}, which image {image.name} observes; export "
+                    "the model again, with all its files"
+                )
             point_index.append(position[point2D.point3D_id])
             pixels.append(point2D.xy)
     if not pixels:
@@ -203,9 +257,19 @@ def _mean_reprojection(tracks: Tracks, images: list[pycolmap.Image]) -> float:
         seen = tracks.image_index == i
         camera_T_world = image.cam_from_world().matrix()
         points = tracks.points_world[tracks.point_index[seen]]
-        local = points @ camera_T_world[:, :3].T + camera_T_world[:, 3]
         camera = image.camera
-        if camera is not None and len(local):
+        if camera is None or not len(points):
+            continue
+        with np.errstate(over="ignore", invalid="ignore"):  # of damaged numbers
+            local = points @ camera_T_world[:, :3].T + camera_T_world[:, 3]
             error = camera.img_from_cam(local) - tracks.pixels[seen]
-            lengths.append(np.linalg.norm(error, axis=1))
-    return float(np.nanmean(np.concatenate(lengths)))
+            lengths.append(np.hypot(error[:, 0], error[:, 1]))
+    every = np.concatenate(lengths)
+    every = every[~np.isnan(every)]
+    mean = float(every.mean()) if len(every) and every.max() < _LARGEST else math.nan
+    if not math.isfinite(mean):
+        raise InputDataError(
+            "the points of the COLMAP model do not project into its images: its poses, points or cameras are "
+            "damaged; export the model again"
+        )
+    return mean
