@@ -114,6 +114,35 @@ def test_text_over_every_image_is_left_out(images: Path, tmp_path: Path) -> None
     np.testing.assert_array_equal(again.world_T_camera, model.world_T_camera)
 
 
+def test_the_fingers_of_the_gripper_are_left_out(images: Path, tmp_path: Path) -> None:
+    """Textured, in changing light, and not quite at the same pixel: they shake."""
+    rng = np.random.default_rng(0)
+    corners = [(60, 480), (110, 250), (190, 240), (220, 480)], [(430, 480), (460, 240), (600, 480)]
+    coarse = Image.fromarray(rng.integers(0, 256, (80, 107, 3)).astype(np.uint8))
+    texture = np.asarray(coarse.resize((640, 480), Image.Resampling.BICUBIC), dtype=np.float64)
+    for name in NAMES:
+        outline = Image.new("L", (640, 480))
+        shake = rng.normal(0.0, 0.3, 2)
+        for polygon in corners:
+            ImageDraw.Draw(outline).polygon(polygon, fill=255)
+        across = np.sin(np.linspace(0.0, 4.0, 640) + rng.uniform(0.0, 6.0))
+        light = rng.uniform(0.7, 1.1) * (1.0 + 0.2 * across)
+        painted = Image.fromarray(np.clip(texture * light[:, None], 0, 255).astype(np.uint8))
+        moved = (1.0, 0.0, shake[0], 0.0, 1.0, shake[1])
+        painted = painted.transform(
+            (640, 480), Image.Transform.AFFINE, moved, Image.Resampling.BICUBIC
+        )
+        with Image.open(images / name) as image:
+            image.paste(painted, mask=outline)
+            image.save(tmp_path / name, quality=92)
+    model = run(tmp_path, tmp_path / "sfm", turns=true_turns())
+    assert model.names == NAMES
+    assert 0.1 < model.static_share < 0.5
+    finger = np.asarray(outline)[tuple(model.tracks.pixels.astype(int).T[::-1])] > 0
+    assert finger.mean() < 0.01
+    assert largest_error_deg(model) < 0.3
+
+
 def test_the_other_setup_is_refused_before_images_are_placed(images: Path, tmp_path: Path) -> None:
     stages: list[str] = []
     with pytest.raises(InputDataError, match=r"images fit --setup eye-in-hand.*gripper_T_base"):
