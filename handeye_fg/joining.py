@@ -19,6 +19,7 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.motions import PosePairs
 from handeye_fg.parts import as_fragment, only
 from handeye_fg.solvers import trusted_rows
+from handeye_fg.solvers.residuals import differences
 from handeye_fg.solvers.worlds import InWorld, common_start, in_world
 from handeye_fg.types import Fragment, SfmModel, folders_of
 
@@ -26,6 +27,8 @@ from handeye_fg.types import Fragment, SfmModel, folders_of
 # larger, place further cameras to some pixels.
 _FEWEST_MOTIONS = 4
 _SURE_ROTATION, _SURE_TRANSLATION = np.deg2rad(1.0), 0.02
+# No pose of an image, however few its points, that is right is farther from where the robot had it.
+_FAR_ROTATION, _FAR_TRANSLATION = np.deg2rad(10.0), 0.2
 # So few images say nothing against what links them to the others.
 _FEWEST_LINKED = 3
 _FALSELY_LINKED = "its matches put it elsewhere than the robot does"
@@ -87,7 +90,21 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     )
 
 
-def moves_as_reported(fragment: Fragment, inputs: Inputs) -> NDArray[np.bool_]:
+def elsewhere(model: SfmModel, inputs: Inputs) -> NDArray[np.bool_]:
+    """Which images (n,) of one camera are far from where the robot had it; none where X is not sure."""
+    part = _part(as_fragment(model), inputs)
+    X = _sure([part])
+    world = None if X is None else _agreeing(part, X)
+    if X is None or world is None:
+        return np.zeros(len(model.names), dtype=np.bool_)
+    camera = frames.scaled(model.world_T_camera, world.metres_per_world_unit)
+    angle, distance = differences(inputs.robot_poses(model.names) @ X, world.base_T_world @ camera)
+    return np.asarray(
+        (angle > _FAR_ROTATION) | (distance > _FAR_TRANSLATION * _extent(part, world))
+    )
+
+
+def _moves_as_reported(fragment: Fragment, inputs: Inputs) -> NDArray[np.bool_]:
     """Which of a fragment's images (n,), of one camera, have a robot pose that agrees with the others'."""
     reported = inputs.robot_poses(fragment.names)
     data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera)
@@ -100,7 +117,7 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
     Images whose robot poses are wrong do not move as the robot says. These do, only not beside the others.
     """
     main = as_fragment(model)
-    right = moves_as_reported(main, inputs)
+    right = _moves_as_reported(main, inputs)
     names = [name for name, is_right in zip(main.names, right, strict=True) if not is_right]
     if len(names) < _FEWEST_LINKED:
         return model
@@ -117,7 +134,7 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
 
 
 def _part(fragment: Fragment, inputs: Inputs) -> _Part:
-    right = moves_as_reported(fragment, inputs)
+    right = _moves_as_reported(fragment, inputs)
     reported = inputs.robot_poses(fragment.names)[right]
     data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera[right])
     return _Part(fragment=fragment, data=data)
@@ -154,8 +171,14 @@ def _agreeing(part: _Part, X: Array) -> InWorld | None:
     world = in_world(part.data, X)
     if world is None:
         return None
+    right = (
+        world.residual_rotation < _SURE_ROTATION
+        and world.residual_translation < _SURE_TRANSLATION * _extent(part, world)
+    )
+    return world if right else None
+
+
+def _extent(part: _Part, world: InWorld) -> float:
+    """How far the cameras are spread, metres."""
     centres = world.metres_per_world_unit * part.data.world_T_camera[:, :3, 3]
-    extent = float(np.sqrt(np.sum(np.var(centres, axis=0))))
-    if world.residual_rotation > _SURE_ROTATION:
-        return None
-    return world if world.residual_translation < _SURE_TRANSLATION * extent else None
+    return float(np.sqrt(np.sum(np.var(centres, axis=0))))

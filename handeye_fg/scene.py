@@ -10,10 +10,10 @@ from handeye_fg.errors import ReconstructionError
 from handeye_fg.expected import all_cameras
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
-from handeye_fg.joining import joined, moves_as_reported
+from handeye_fg.joining import elsewhere, joined
 from handeye_fg.looks import flaws
 from handeye_fg.options import Options
-from handeye_fg.parts import as_fragment, only
+from handeye_fg.parts import only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
@@ -23,7 +23,8 @@ _FEWEST_IMAGES = 3
 # Of the median image's points: less is few.
 _FEW_POINTS = 0.25
 _FOREIGN = (
-    "its matches put it elsewhere than the robot does: it shows something else, or too little"
+    "its matches put it elsewhere than the robot does: it shows something else or too "
+    "little, or its robot pose is wrong"
 )
 
 
@@ -120,15 +121,13 @@ def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
     """
     flawed = flaws(inputs.looks)
     one_camera = len(folders_of(inputs.names)) == 1
-    right = (
-        moves_as_reported(as_fragment(model), inputs) if one_camera else [True] * len(model.names)
-    )
+    far = elsewhere(model, inputs) if one_camera else [False] * len(model.names)
     points = np.bincount(model.tracks.image_index, minlength=len(model.names))
     fewest = _FEW_POINTS * np.median(points)
     weak = {
         name: f"{flawed.get(name, _FOREIGN)}; only {n} points hold it"
-        for name, n, is_right in zip(model.names, points.tolist(), right, strict=True)
-        if n < fewest and (name in flawed or not is_right)
+        for name, n, is_far in zip(model.names, points.tolist(), far, strict=True)
+        if n < fewest and (name in flawed or is_far)
     }
     if len(model.names) - len(weak) < _FEWEST_IMAGES:
         weak = {}
