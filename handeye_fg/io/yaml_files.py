@@ -12,6 +12,7 @@ from handeye_fg.io.fields import Fields, reason, shown
 from handeye_fg.io.files import read_text
 
 _LARGEST_FILE = 100_000  # characters; a camera or target file has some hundred
+_LONGEST_SCALAR = 4000  # characters
 _DEEPEST = 50  # levels of nesting
 _YAML = "tag:yaml.org,2002:"
 _SafeLoader: Any = getattr(
@@ -114,6 +115,9 @@ def _check_events(text: str) -> None:
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.constructor.ConstructorError(None, None, "aliases are not supported")
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST_SCALAR:
+            # Numbers to the base 60, 1:2:3..., take the square of their length.
+            raise ValueError(f"a value of {len(event.value)} characters")
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:

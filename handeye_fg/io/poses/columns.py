@@ -12,7 +12,7 @@ from handeye_fg.io.poses.table import Table, number
 # pose.position.x.
 _IMAGE = ("image", "image_name", "name", "file", "filename", "file_name", "img", "image_file")
 _STAMP = ("stamp.sec", "stamp.nanosec"), ("stamp.secs", "stamp.nsecs")
-_TIME = ("header.stamp", "timestamp", "time", "stamp", "t", "timestamp_s", "time_s", "timestamp_ns")
+_TIME = ("header.stamp", "timestamp", "time", "stamp", "t")
 _ALIASES = {
     **{
         axis: (
@@ -45,9 +45,11 @@ _SAME = {
 }
 _STEMS = ("matrix", "transform", "transform_matrix", "pose", "base_t_gripper", "t", "poses")
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]$")
+_LONGEST_NAME = 200
 _INDEX = re.compile(r"\[(\d+)\]")
-_SUFFIX = re.compile(r"_(m|mm|deg|rad)$")
+_SUFFIX = re.compile(r"_(m|mm|deg|rad|s|ms|us|ns)$")
 _UNITS: dict[str, Unit] = {"m": "m", "mm": "mm"}
+_TICKS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _ANGLES: dict[str, AngleUnit] = {"deg": "deg", "rad": "rad", "°": "deg"}
 
 
@@ -61,6 +63,7 @@ class Columns:
         stated: whether the header states the unit of positions, and that of angles.
         image: column of the image's name, or None.
         time: columns of the time: none, one, or seconds and nanoseconds.
+        tick_ns: nanoseconds in the unit of one column of time; None: its digits tell.
         numbers: columns of position and rotation, or of the 12 or 16 entries of a matrix by the format.
     """
 
@@ -69,6 +72,7 @@ class Columns:
     stated: tuple[bool, bool]
     image: int | None
     time: tuple[int, ...]
+    tick_ns: int | None
     numbers: tuple[int, ...]
 
 
@@ -108,6 +112,7 @@ def by_header(table: Table, format_: PoseFormat) -> Columns | str:
         stated=(unit is not None, angle is not None),
         image=image,
         time=time,
+        tick_ns=_tick(names, time),
         numbers=tuple(found),
     )
 
@@ -136,6 +141,7 @@ def by_shape(table: Table, format_: PoseFormat) -> Columns | None:
         stated=(False, False),
         image=image,
         time=time,
+        tick_ns=1 if format_.name == "euroc" else None,
         numbers=tuple(rest),
     )
 
@@ -179,12 +185,14 @@ def _wanted(format_: PoseFormat, header: Sequence[str]) -> Sequence[str]:
 
 def _canonical(cell: str) -> tuple[str, str]:
     """A column's name in small letters without its unit, and the unit."""
+    if len(cell) > _LONGEST_NAME:
+        return cell, ""
     name = _INDEX.sub(r".\1", cell.strip().lower())
     brackets = _BRACKETS.search(name)
     if brackets:
         return name[: brackets.start()], brackets[1]
     suffix = _SUFFIX.search(name)
-    if suffix and name[: suffix.start()] not in {"timestamp", "time", "t"}:
+    if suffix:
         return name[: suffix.start()], suffix[1]
     return name, ""
 
@@ -200,6 +208,14 @@ def _find(header: Sequence[str], aliases: Sequence[str]) -> int | None:
         if found:
             return found[0] if len(found) == 1 else None
     return None
+
+
+def _tick(names: Sequence[tuple[str, str]], time: Sequence[int]) -> int | None:
+    """Nanoseconds in the unit of the time that a header states; rostopic's stamps are nanoseconds."""
+    if len(time) != 1:
+        return None
+    name, unit = names[time[0]]
+    return 1 if name.endswith("header.stamp") else _TICKS.get(unit)
 
 
 def _time(header: Sequence[str]) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from handeye_fg.io.fields import reason, shown
 from handeye_fg.io.poses.table import Table
 from handeye_fg.io.yaml_files import parse_yaml
 
-_LARGEST_YAML = 5_000_000  # characters: some 15000 messages
+_LARGEST_YAML = 3_000_000  # characters: some 15000 messages, read in about 5 s
 _LARGEST_ARRAY = 10_000_000  # entries
 _MOST_COLUMNS = 1000
 _LISTS = ("poses", "samples", "frames", "transforms", "data")
@@ -116,7 +116,7 @@ def transform_table(text: str, source: str) -> Table:
         )
     timed = all(row[0] for row in rows)
     header = (
-        *(("header.stamp",) if timed else ()),
+        *(("time [s]",) if timed else ()),
         *(f"translation.{axis}" for axis in "xyz"),
         *(f"rotation.{axis}" for axis in "xyzw"),
     )
@@ -150,11 +150,20 @@ def document_tables(text: str, source: str, *, is_json: bool) -> tuple[Table, ..
 
 def _json(text: str, source: str) -> list[object]:
     try:
-        return [json.loads(text)]
+        return [json.loads(text, object_pairs_hook=_once)]
     except (ValueError, RecursionError) as error:
         raise InputDataError(
             f"{source}: not valid JSON ({reason(error)}); correct the file"
         ) from error
+
+
+def _once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
+    """A JSON object without double keys."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"{shown(max(keys, key=keys.count))} occurs twice")
+    return values
 
 
 def _yaml(text: str, source: str) -> list[object]:

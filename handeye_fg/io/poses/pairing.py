@@ -15,31 +15,31 @@ from handeye_fg.types import Indices
 
 SAME_INSTANT_NS = 1_000_000  # times are often printed in milliseconds
 
-_LAST_NUMBER = re.compile(r"(\d+(?:\.\d+)?)(?!.*\d)", re.ASCII | re.DOTALL)
+_NUMBER = re.compile(r"\d+(?:\.\d+)?", re.ASCII)
 _TIME = re.compile(r"[+-]?(\d{1,19}([.,]\d{0,30})?|[.,]\d{1,30})([eE][+-]?\d{1,2})?", re.ASCII)
 # Digits before the point of a time of our age in seconds, milliseconds, microseconds, nanoseconds.
 _DIGITS_NS = ((11, 10**9), (14, 10**6), (17, 10**3), (999, 1))
 
 
-def time_ns(text: str) -> int | None:
-    """Nanoseconds from a time in seconds, milliseconds, microseconds or nanoseconds.
+def time_ns(text: str, tick_ns: int | None = None) -> int | None:
+    """Nanoseconds from a time in the unit of ``tick_ns`` nanoseconds; None for what is no time.
 
-    The unit is told by the digits before the point: seconds have up to 11, milliseconds up to 14,
-    microseconds up to 17. None for what is no time.
+    Without a unit it is told by the digits before the point: seconds have up to 11, milliseconds up to 14,
+    microseconds up to 17.
     """
     if _TIME.fullmatch(text.strip()) is None:
         return None
     time = Decimal(text.strip().replace(",", "."))
-    total = int(time * _factor(str(abs(int(time))).lstrip("0")))
+    total = int(time * (tick_ns or _factor(str(abs(int(time))).lstrip("0"))))
     return total if abs(total) < 2**62 else None
 
 
 def time_of_name(name: str) -> int | None:
     """The time in an image's name, nanoseconds: its last number, with a point or of 10 digits and more."""
-    found = _LAST_NUMBER.search(_stem(name))
-    if found is None or ("." not in found[1] and len(found[1]) < 10):
+    found = _NUMBER.findall(_stem(name))[-1:]
+    if not found or ("." not in found[0] and len(found[0]) < 10):
         return None
-    return time_ns(found[1])
+    return time_ns(found[0])
 
 
 def partners(rows: PoseRows, images: Sequence[str] | None, options: PoseFileOptions) -> Partners:

@@ -228,7 +228,7 @@ def _times(table: Table, columns: Columns) -> Indices | None:
         if len(cells) == 2 and all(re.fullmatch(r"\d{1,10}", cell, re.ASCII) for cell in cells):
             times.append(int(cells[0]) * 10**9 + int(cells[1]))
             continue
-        value = time_ns(cells[0]) if len(cells) == 1 else None
+        value = time_ns(cells[0], columns.tick_ns) if len(cells) == 1 else None
         if value is None:
             raise InputDataError(
                 f"{place}: {shown(' '.join(cells))} is no time; give seconds, or whole nanoseconds"

@@ -36,7 +36,7 @@ def columns_of(tables: Sequence[Table], options: PoseFileOptions) -> tuple[Table
         return table, _as_told(columns, table, options)
     for table in tables:
         fitting = _fitting(table)
-        different = {meaning(columns): columns for columns in reversed(fitting)}
+        different = {meaning(columns): columns for columns in _likeliest_last(table, fitting)}
         if len(different) == 1:
             (columns,) = different.values()
             told = _as_told(columns, table, options)
@@ -74,6 +74,17 @@ def _fitting(table: Table) -> list[Columns]:
         if suiting:
             return suiting
     return fitting
+
+
+def _likeliest_last(table: Table, fitting: Sequence[Columns]) -> list[Columns]:
+    """Sorted by in how much else the file is as the format's: what tells the image, and text or documents."""
+
+    def likeness(columns: Columns) -> int:
+        key = "image" if columns.image is not None else "time" if columns.time else "none"
+        is_text = columns.format.container == "text"
+        return (columns.format.key == key) + (is_text == bool(table.delimiter))
+
+    return sorted(fitting, key=likeness, reverse=True)[::-1]
 
 
 def _tells(table: Table, format_: PoseFormat) -> bool:

@@ -20,6 +20,9 @@ _DECIMAL_COMMA = re.compile(r"([+-]?\d*),(\d+([eE][+-]?\d{1,3})?)", re.ASCII)
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _DELIMITERS = (",", ";", "\t", "|", " ")
 _TRIED_LINES = 30
+_LONGEST_NUMBER = 100  # characters
+_MOST_COLUMNS = 1000
+_MOST_LINES = 1_000_000
 _FEWEST_NUMBERS = (
     3  # a row of poses has at least six; a header of single letters might hold a digit
 )
@@ -51,6 +54,8 @@ class Table:
 def number(cell: str) -> float | None:
     """The finite number in a cell, with a point or a comma for decimals; None if there is none."""
     text = cell.strip()
+    if len(text) > _LONGEST_NUMBER:
+        return None
     if not _NUMBER.fullmatch(text):
         comma = _DECIMAL_COMMA.fullmatch(text)
         if comma is None:
@@ -90,11 +95,22 @@ def read_table(text: str, source: str) -> Table:
     Raises:
         InputDataError: it is no table.
     """
+    if text.count("\n") > _MOST_LINES:
+        raise InputDataError(
+            f"{source}: {text.count(chr(10))} lines are too many, at most {_MOST_LINES} were expected; give"
+            " the poses near the images only"
+        )
     content = _Content(text)
     if not content.lines:
         raise InputDataError(f"{source}: there are only comments; write one row for each pose")
     delimiter = max(_DELIMITERS, key=lambda candidate: _merit(content.lines, candidate))
-    if len(content.lines[0].split(None if delimiter == " " else delimiter)) < 2:
+    n_columns = len(content.lines[0].split(None if delimiter == " " else delimiter))
+    if n_columns > _MOST_COLUMNS:
+        raise InputDataError(
+            f"{source}, line {content.first_line}: found {n_columns} fields, but a pose has at most 16; give"
+            " a file of poses"
+        )
+    if n_columns < 2:
         delimiter = ","
     frame = _frame(content, delimiter, source)
     rows, places = [], []
@@ -104,6 +120,8 @@ def read_table(text: str, source: str) -> Table:
             rows.append(cells)
             places.append(f"{source}, line {line}")
         line += 1 + sum(cell.count("\n") for cell in cells)
+    if not rows:
+        raise InputDataError(f"{source}: all cells are empty; write one row for each pose")
     header, header_place = _stripped(rows[0]), places[0]
     if sum(number(cell) is not None for cell in header) < _FEWEST_NUMBERS:
         rows, places = rows[1:], places[1:]

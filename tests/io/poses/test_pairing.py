@@ -159,6 +159,16 @@ def test_times_that_are_numbers_of_images(tmp_path):
     assert rows_of(poses) == {"frame_01.png": 1.0, "frame_03.png": 3.0}
 
 
+@pytest.mark.parametrize(
+    ("header", "time"),
+    [("timestamp [ns]", 25 * 10**8), ("t_ms", 2500), ("time(us)", 25 * 10**5), ("stamp [s]", 2.5)],
+)
+def test_units_of_times_in_the_header(tmp_path, header, time):
+    path = tmp_path / "p.csv"
+    path.write_text(f"{header},x,y,z,qx,qy,qz,qw\n{time},1,2,3,0,0,0,1\n")
+    assert hf.read_poses(path, images=["a2.500.png"]).names == ("a2.500.png",)
+
+
 def test_numbers_that_two_images_share_pair_nothing(tmp_path):
     with pytest.raises(InputDataError, match="2 of 3 have none or share it"):
         hf.read_poses(kitti(3, tmp_path), images=["a1.png", "b1.png", "2.png"], pair_by="number")

@@ -51,7 +51,7 @@ def test_what_several_formats_fit_is_refused_with_their_names(tmp_path, lines, f
         (["image,x,y,z,w,p,r", *ROWS], "fanuc"),
         (["image,x,y,z,O,A,T", *ROWS], "kawasaki"),
         (["name;qw;qx;qy;qz;tx;ty;tz", "a.png;1;0;0;0;1;2;3"], "csv"),
-        (["t,x,y,z,q_x,q_y,q_z,q_w", "5.5,1,2,3,0,0,0,1"], "csv"),
+        (["t,x,y,z,q_x,q_y,q_z,q_w", "5.5,1,2,3,0,0,0,1"], "tum"),
         (["image,x,y,z,rotvec_x,rotvec_y,rotvec_z", "a.png,1,2,3,0,0,1"], "visp"),
         (["1.5 1 2 3 0 0 0 1", "2.5 1 2 3 0 0 0 1"], "tum"),
         (["1.5, 1, 2, 3, 0, 0, 0, 1", "2.5, 1, 2, 3, 0, 0, 0, 1"], "eth"),
