@@ -15,21 +15,37 @@ import pycolmap
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.options import SfmOptions
+from handeye_fg.sfm.database import described
 from handeye_fg.sfm.model import to_sfm_model
+from handeye_fg.sfm.stages import DATABASE, digest_of, not_written, part
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment, SfmModel
 
 # Raised whenever the settings in this package change, so that older models are not reused.
 RECIPE = 4
-DATABASE = "database.db"
 _INPUTS = "inputs.json"
 
 
+def file_digests(
+    images: Path, names: Sequence[str], masks: Path | None
+) -> dict[str, tuple[str, str | None]]:
+    """SHA-256 of each image's file and its mask's.
+
+    Raises:
+        InputDataError: an image or a mask cannot be read.
+    """
+    return {
+        name: (
+            _file_digest(images / name),
+            None if masks is None else _file_digest(masks / f"{name}.png"),
+        )
+        for name in names
+    }
+
+
 def inputs_digest(
-    images: Path,
-    names: Sequence[str],
+    files: Mapping[str, Sequence[str | None]],
     cameras: Mapping[str, CameraModel] | None,
-    masks: Path | None,
     options: SfmOptions,
     seed: int,
     *,
@@ -37,11 +53,7 @@ def inputs_digest(
     turns: RobotTurns | None = None,
     poses: Array | None = None,
 ) -> str:
-    """SHA-256 of everything that a reconstruction depends on.
-
-    Raises:
-        InputDataError: an image or a mask cannot be read.
-    """
+    """SHA-256 of everything that a reconstruction depends on."""
     settings = {
         "recipe": RECIPE,
         "pycolmap": pycolmap.__version__,
@@ -50,18 +62,10 @@ def inputs_digest(
         "turns": None if turns is None else [turns.setup, turns.rotations.tolist()],
         "poses": None if poses is None else poses.tolist(),
         "refine_intrinsics": refine_intrinsics,
-        "cameras": None
-        if cameras is None
-        else {
-            folder: [camera.model, camera.width, camera.height, camera.params.tolist()]
-            for folder, camera in cameras.items()
-        },
-        "files": [[name, _file_digest(images / name)] for name in names],
-        "masks": None
-        if masks is None
-        else [_file_digest(path) for path in (masks / f"{name}.png" for name in names)],
+        "cameras": described(cameras),
+        "files": [[name, *digests] for name, digests in files.items()],
     }
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+    return digest_of(settings)
 
 
 def _file_digest(path: Path) -> str:
@@ -129,7 +133,7 @@ def staging(folder: Path) -> Iterator[Path]:
 
 
 def publish(
-    work: Path,
+    stages: Path,
     folder: Path,
     database: Path,
     reconstruction: pycolmap.Reconstruction,
@@ -139,9 +143,9 @@ def publish(
     """Put the model, its database and the digest of its inputs into the folder's place at once.
 
     Args:
-        work: the staging folder.
+        stages: folder of all stages, on the same file system.
         folder: what to replace.
-        database: the model's database, within ``work``.
+        database: the model's database; it stays, for later runs.
         reconstruction: the model as COLMAP has it.
         model: the same as we have it, with what COLMAP's files do not hold.
         digest: of the inputs.
@@ -149,23 +153,21 @@ def publish(
     Raises:
         InputDataError: something cannot be written.
     """
-    finished = work / "finished"
+    content = {
+        "digest": digest,
+        "unregistered": model.unregistered,
+        "static_share": model.static_share,
+        "fragments": [[one.names, one.world_T_camera.tolist()] for one in model.fragments],
+    }
     try:
-        finished.mkdir()
-        reconstruction.write(finished)
-        database.replace(finished / DATABASE)
-        content = {
-            "digest": digest,
-            "unregistered": model.unregistered,
-            "static_share": model.static_share,
-            "fragments": [[one.names, one.world_T_camera.tolist()] for one in model.fragments],
-        }
-        (finished / _INPUTS).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        if folder.exists():
-            folder.replace(work / "replaced")
-        finished.replace(folder)
+        with part(stages) as work:
+            finished = work / "finished"
+            finished.mkdir()
+            reconstruction.write(finished)
+            shutil.copyfile(database, finished / DATABASE)
+            (finished / _INPUTS).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            if folder.exists():
+                folder.replace(work / "replaced")
+            finished.replace(folder)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputDataError(
-            f"{folder}: the reconstruction cannot be written ({error}); check the free disk space or "
-            "choose another output folder"
-        ) from error
+        raise not_written(folder, error) from error

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.sfm.cache import DATABASE
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.sfm.stages import DATABASE
 from handeye_fg.types import CameraModel, SfmModel
 
 # Matches this near to their epipolar lines agree with the cameras (pixels): an X that is off by a degree's

@@ -1,8 +1,10 @@
-"""Features of a set of images in a COLMAP database; entry point ``extract_features``."""
+"""Features of a set of images in a COLMAP database; entry point ``find_features``."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pycolmap
 
@@ -10,8 +12,7 @@ from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
 from handeye_fg.sfm.native import native_threads, run_cancellable
 from handeye_fg.sfm.presets import effort_of
-from handeye_fg.sfm.static import drop_static
-from handeye_fg.turns import RobotTurns
+from handeye_fg.sfm.stages import DATABASE, Stage, open_stage
 from handeye_fg.types import CameraModel, folder_of
 
 
@@ -20,63 +21,53 @@ class Sensitivity:
     """How eagerly features are taken.
 
     Attributes:
+        name: of the setting.
         peak_threshold: least contrast of a feature; None: COLMAP's 0.0067.
         guided: match again along the epipolar lines once a pair's geometry is known.
     """
 
+    name: str
     peak_threshold: float | None = None
     guided: bool = False
 
 
-STRICT = Sensitivity()
+STRICT = Sensitivity(name="strict")
 # A third of the default contrast doubles the features of weak textures and dark images; guided
 # matching finds five times as many matches where a texture repeats.
-SENSITIVE = Sensitivity(peak_threshold=0.002, guided=True)
+SENSITIVE = Sensitivity(name="sensitive", peak_threshold=0.002, guided=True)
 
 
-def extract_features(
-    database: Path,
+def find_features(
+    stages: Path,
     images: Path,
-    names: Sequence[str],
-    cameras: Mapping[str, CameraModel] | None,
+    digests: Mapping[str, Sequence[str | None]],
     *,
     masks: Path | None,
     sensitivity: Sensitivity,
     options: SfmOptions,
-    seed: int,
     progress: Progress,
-    turns: RobotTurns | None = None,
-) -> float:
-    """Find features in the named images.
+) -> Stage:
+    """Find features in images; those of images that did not change are taken from earlier runs.
 
     Args:
-        database: file to write; it must not exist.
+        stages: folder of all stages.
         images: folder of the images.
-        names: the images to use.
-        cameras: intrinsics to start from, for each folder of images; None: OPENCV with COLMAP's guess
-            of the focal length.
+        digests: the images to use by name, in their order, with digests of all that is in their files
+            and their masks'.
         masks: folder of masks ``NAME.png``, white = use; None: everything is used.
         sensitivity: how eagerly features are taken.
         options: limits.
-        seed: of the random samples.
         progress: told "features".
-        turns: how the robot turned from image to image; None: static features are kept.
 
     Returns:
-        Part of the features that were left out because they are static.
+        The stage; its database has the images, with COLMAP's guess of their cameras, and the features.
 
     Raises:
+        InputDataError: the stage cannot be written.
         ReconstructionError: COLMAP failed.
     """
+    names = list(digests)
     effort = effort_of(options, len(names))
-    reader_options = pycolmap.ImageReaderOptions()
-    reader_options.camera_model = "OPENCV"
-    if cameras is not None:
-        camera = cameras[folder_of(names[0])]
-        reader_options.camera_model = camera.model
-        reader_options.camera_params = ",".join(repr(float(p)) for p in camera.params)
-    if masks is not None:
-        reader_options.mask_path = masks
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.use_gpu = False
     extraction.num_threads = native_threads(options)
@@ -84,43 +75,83 @@ def extract_features(
     extraction.sift.first_octave = effort.first_octave
     if sensitivity.peak_threshold is not None:
         extraction.sift.peak_threshold = sensitivity.peak_threshold
-    pycolmap.set_random_seed(seed)
-    # The counts are read over a connection of pycolmap's own SQLite. Python's sqlite3 is another copy
-    # of the library: two copies on one file in one process break each other's locks and crash.
-    with pycolmap.Database.open(database) as counts:
-        total = len(names)
-        progress("features", 0, total)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "OPENCV"
+    if masks is not None:
+        reader.mask_path = masks
+    key = {
+        "pycolmap": pycolmap.__version__,
+        "options": settings_of(extraction),
+        "images": {name: list(one) for name, one in digests.items()},
+    }
+
+    def build(folder: Path, older: tuple[Stage, ...]) -> Mapping[str, Any]:
         # Entered beforehand, images get their numbers in the order of the names, not in the order in
         # which threads finish: what follows depends on the numbers.
-        run_cancellable(
-            lambda _: pycolmap.import_images(
-                database,
-                images,
-                camera_mode=pycolmap.CameraMode.PER_FOLDER,
-                image_names=list(names),
-                options=reader_options,
-            ),
-            "the reading of images",
-            lambda: None,
-        )
-        if cameras is not None and len(cameras) > 1:
-            set_cameras(counts, cameras)
+        with pycolmap.Database.open(folder / DATABASE) as db:
+            run_cancellable(
+                lambda _: pycolmap.import_images(
+                    folder / DATABASE,
+                    images,
+                    camera_mode=pycolmap.CameraMode.PER_FOLDER,
+                    image_names=names,
+                    options=reader,
+                ),
+                "the reading of images",
+                lambda: None,
+            )
+            for stage in older:
+                if stage.key["options"] == key["options"]:
+                    _adopt(stage, db, key["images"])
+        return {}
+
+    stage = open_stage(stages, f"{sensitivity.name}-features", key, build)
+    # The counts are read over a connection of pycolmap's own SQLite. Python's sqlite3 is another copy
+    # of the library: two copies on one file in one process break each other's locks and crash.
+    with pycolmap.Database.open(stage.database) as counts:
         ids = [image.image_id for image in counts.read_all_images()]
+
+        def count() -> None:
+            progress("features", sum(map(counts.exists_descriptors, ids)), len(names))
+
+        count()
+        # Images that have features already are passed over.
         run_cancellable(
             lambda token: pycolmap.extract_features(
-                database,
+                stage.database,
                 images,
-                image_names=list(names),
+                image_names=names,
                 camera_mode=pycolmap.CameraMode.PER_FOLDER,
-                reader_options=reader_options,
+                reader_options=reader,
                 extraction_options=extraction,
                 device=pycolmap.Device.cpu,
                 cancellation_token=token,
             ),
             "the search for features",
-            lambda: progress("features", sum(map(counts.exists_keypoints, ids)), total),
+            count,
         )
-        return 0.0 if turns is None else drop_static(database, turns)
+    stage.finish()
+    return stage
+
+
+def settings_of(options: Any) -> Any:  # any of COLMAP's option blocks
+    """What options say, but for the number of threads, as JSON can hold it."""
+    settings = {name: value for name, value in options.todict().items() if name != "num_threads"}
+    return json.loads(json.dumps(settings, default=str))
+
+
+def _adopt(stage: Stage, db: pycolmap.Database, digests: Mapping[str, Any]) -> None:
+    """Copy features of images that have the same content."""
+    with pycolmap.Database.open(stage.database) as source:
+        ids = {image.name: image.image_id for image in source.read_all_images()}
+        of_content = {tuple(digest): ids[name] for name, digest in stage.key["images"].items()}
+        for image in db.read_all_images():
+            other = of_content.get(tuple(digests[image.name]))
+            if other is None or db.exists_keypoints(image.image_id):
+                continue
+            if source.exists_keypoints(other) and source.exists_descriptors(other):
+                db.write_keypoints(image.image_id, source.read_keypoints(other))
+                db.write_descriptors(image.image_id, source.read_descriptors(other))
 
 
 def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel]) -> None:
@@ -130,4 +161,5 @@ def set_cameras(database: pycolmap.Database, cameras: Mapping[str, CameraModel])
         camera = cameras[folders[native.camera_id]]
         native.model = pycolmap.CameraModelId.__members__[camera.model]
         native.params = list(camera.params)
+        native.has_prior_focal_length = True
         database.update_camera(native)

@@ -40,6 +40,11 @@ class Rung:
     relaxed: bool
     refine: bool
 
+    @property
+    def name(self) -> str:
+        """Of the setting."""
+        return f"{'relaxed' if self.relaxed else 'strict'}-{'refined' if self.refine else 'fixed'}"
+
 
 def largest(
     one: pycolmap.Reconstruction | None, other: pycolmap.Reconstruction | None
@@ -104,6 +109,7 @@ def map_images(
         registered += 1
 
     attempt = database.with_suffix(".attempt")
+    shutil.rmtree(attempt, ignore_errors=True)  # of a run that was killed
     attempt.mkdir()
     try:
         models = run_cancellable(

@@ -11,7 +11,10 @@ import pycolmap
 
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
+from handeye_fg.sfm.database import adopt_matches, matching_options, verification_options
+from handeye_fg.sfm.features import Sensitivity
 from handeye_fg.sfm.native import native_threads, run_cancellable
+from handeye_fg.sfm.stages import Stage
 from handeye_fg.types import Indices
 
 
@@ -20,18 +23,23 @@ class Matcher:
     """How the images of a database are matched; pairs that are matched already stay as they are.
 
     Attributes:
-        database: with the features of all images.
-        guided: match again along the epipolar lines once a pair's geometry is known.
+        stage: with the features of all images.
+        sensitivity: how pairs are matched.
         options: limits.
         seed: of the random samples.
         progress: told "pairs".
     """
 
-    database: Path
-    guided: bool
+    stage: Stage
+    sensitivity: Sensitivity
     options: SfmOptions
     seed: int
     progress: Progress
+
+    @property
+    def database(self) -> Path:
+        """The stage's database."""
+        return self.stage.database
 
     def match_all(self) -> None:
         """Match all pairs.
@@ -39,12 +47,13 @@ class Matcher:
         Raises:
             ReconstructionError: COLMAP failed.
         """
+        adopt_matches(self.stage)
         with pycolmap.Database.open(self.database) as db:
             self._run(
                 lambda token: pycolmap.match_exhaustive(
                     self.database,
                     matching_options=self._matching(),
-                    verification_options=self._verification(),
+                    verification_options=verification_options(self.seed),
                     device=pycolmap.Device.cpu,
                     cancellation_token=token,
                 ),
@@ -61,12 +70,15 @@ class Matcher:
         Raises:
             ReconstructionError: COLMAP failed.
         """
+        adopt_matches(self.stage, pairs)
         with (
             pycolmap.Database.open(self.database) as db,
             _without_blanks(db) as names,
             TemporaryDirectory() as scratch,
         ):
-            new = [(i, j) for i, j in pairs.tolist() if not db.exists_matches(i + 1, j + 1)]
+            new = [
+                (i, j) for i, j in pairs.tolist() if not db.exists_two_view_geometry(i + 1, j + 1)
+            ]
             pairing = pycolmap.ImportedPairingOptions()
             pairing.match_list_path = Path(scratch) / "pairs.txt"
             text = "".join(f"{names[i]} {names[j]}\n" for i, j in new)
@@ -76,12 +88,13 @@ class Matcher:
                     self.database,
                     matching_options=self._matching(),
                     pairing_options=pairing,
-                    verification_options=self._verification(),
+                    verification_options=verification_options(self.seed),
                     device=pycolmap.Device.cpu,
                     cancellation_token=token,
                 ),
                 db,
-                db.num_matched_image_pairs() + len(new),
+                db.num_matched_image_pairs()
+                + sum(not db.exists_matches(i + 1, j + 1) for i, j in new),
             )
 
     def _run(
@@ -92,22 +105,16 @@ class Matcher:
     ) -> None:
         """One of COLMAP's calls, its progress counted in the database."""
         pycolmap.set_random_seed(self.seed)
-        run_cancellable(
-            call,
-            "the matching of features",
-            lambda: self.progress("pairs", db.num_matched_image_pairs(), total),
-        )
+
+        def count() -> None:
+            self.progress("pairs", db.num_matched_image_pairs(), total)
+
+        count()
+        run_cancellable(call, "the matching of features", count)
 
     def _matching(self) -> pycolmap.FeatureMatchingOptions:
-        options = pycolmap.FeatureMatchingOptions()
-        options.use_gpu = False
+        options = matching_options(self.sensitivity)
         options.num_threads = native_threads(self.options)
-        options.guided_matching = self.guided
-        return options
-
-    def _verification(self) -> pycolmap.TwoViewGeometryOptions:
-        options = pycolmap.TwoViewGeometryOptions()
-        options.ransac.random_seed = self.seed
         return options
 
 

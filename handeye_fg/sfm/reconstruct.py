@@ -2,9 +2,10 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -14,17 +15,19 @@ from handeye_fg.intrinsics import covers_image, fitted_opencv
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress, silent
 from handeye_fg.sfm.cache import (
+    RECIPE,
     check_replaceable,
+    file_digests,
     inputs_digest,
     publish,
-    staging,
     stored_model,
 )
+from handeye_fg.sfm.database import begin_matching, content_of, described
 from handeye_fg.sfm.features import (
     SENSITIVE,
     STRICT,
     Sensitivity,
-    extract_features,
+    find_features,
     set_cameras,
 )
 from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement
@@ -33,6 +36,7 @@ from handeye_fg.sfm.matching import Matcher, matching_summary
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_fragment, to_sfm_model, too_few
 from handeye_fg.sfm.pairs import RobotGuide, by_robot, match_by_robot
 from handeye_fg.sfm.self_calibration import with_centre
+from handeye_fg.sfm.stages import DATABASE, Stage, open_stage, prepare
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment, SfmModel
 
@@ -59,8 +63,9 @@ _STATIC = (
 class _Task:
     """What all rungs share."""
 
+    stages: Path
     images: Path
-    names: tuple[str, ...]
+    files: Mapping[str, tuple[str, str | None]]
     cameras: Mapping[str, CameraModel] | None
     masks: Path | None
     options: SfmOptions
@@ -70,13 +75,17 @@ class _Task:
     turns: RobotTurns | None
     guide: RobotGuide | None
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.files)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
     """The best model so far and the database it was made from; the poses of all models so far."""
 
     reconstruction: pycolmap.Reconstruction | None
-    database: Path
+    matches: Stage
     refined: bool = False
     static_share: float = 0.0
     fragments: tuple[Fragment, ...] = ()
@@ -106,7 +115,8 @@ def reconstruct(
         cameras: for each folder of images ("." for none) the intrinsics, kept fixed as long as the
             images can be placed so; None: OPENCV, found from the images.
         masks: folder of masks ``NAME.png``, white = use; None: everything is used.
-        folder: where model and database are kept. A model there is returned when nothing changed.
+        folder: where model and database are kept. A model there is returned when nothing changed; of what
+            led to it, in the folder ``stages`` beside it, what did not change is used again.
         options: limits.
         seed: of the random samples.
         progress: told "features", "pairs" and "registered".
@@ -127,11 +137,10 @@ def reconstruct(
     """
     folder, names = Path(folder), tuple(names)
     guide = guide if by_robot(options, len(names)) else None
+    files = file_digests(images, names, masks)
     digest = inputs_digest(
-        images,
-        names,
+        files,
         cameras,
-        masks,
         options,
         seed,
         refine_intrinsics=refine_intrinsics,
@@ -144,8 +153,9 @@ def reconstruct(
         return model
     check_replaceable(folder)
     task = _Task(
+        stages=prepare(folder.parent / "stages"),
         images=images,
-        names=names,
+        files=files,
         cameras=cameras,
         masks=masks,
         options=options,
@@ -155,58 +165,47 @@ def reconstruct(
         turns=turns,
         guide=guide,
     )
-    with staging(folder) as work:
-        found = _by_robot(task, _climb(task, work), work)
-        registered = n_registered(found.reconstruction)
-        progress("registered", registered, len(names))
-        if found.reconstruction is None or registered < FEWEST_IMAGES:
-            static = _STATIC.format(100.0 * found.static_share) if found.static_share else ""
-            raise ReconstructionError(too_few(registered, len(names)) + static)
-        reconstruction = found.reconstruction
-        if found.refined:
-            reconstruction = with_centre(reconstruction)
-        unregistered = _unregistered(found, names)
-        model = to_sfm_model(reconstruction, unregistered)
-        model = replace(
-            model,
-            static_share=found.static_share,
-            fragments=_apart(found.fragments, [name for name, _ in unregistered]),
-        )
-        publish(
-            work,
-            folder,
-            found.database,
-            reconstruction,
-            model,
-            digest,
-        )
+    found = _by_robot(task, _climb(task))
+    registered = n_registered(found.reconstruction)
+    progress("registered", registered, len(names))
+    if found.reconstruction is None or registered < FEWEST_IMAGES:
+        static = _STATIC.format(100.0 * found.static_share) if found.static_share else ""
+        raise ReconstructionError(too_few(registered, len(names)) + static)
+    reconstruction = found.reconstruction
+    if found.refined:
+        reconstruction = with_centre(reconstruction)
+    unregistered = _unregistered(found, names)
+    model = to_sfm_model(reconstruction, unregistered)
+    model = replace(
+        model,
+        static_share=found.static_share,
+        fragments=_apart(found.fragments, [name for name, _ in unregistered]),
+    )
+    publish(task.stages, folder, found.matches.database, reconstruction, model, digest)
     return model
 
 
-def _climb(task: _Task, work: Path) -> _Found:
+def _climb(task: _Task) -> _Found:
     """Try rung after rung, until all images are placed; the best model."""
-    best = _Found(reconstruction=None, database=work / "strict.db")
-    for sensitivity, name in ((STRICT, "strict.db"), (SENSITIVE, "sensitive.db")):
-        database = work / name
-        static_share = _fill(task, database, sensitivity)
-        if task.turns is not None:
-            check_setup(database, task.turns, task.seed)
-        best = replace(best, static_share=static_share)
+    best = _Found(reconstruction=None, matches=_matched(task, STRICT))
+    for sensitivity in (STRICT, SENSITIVE):
+        matches = best.matches if sensitivity is STRICT else _matched(task, sensitivity)
+        best = replace(best, static_share=matches.facts["static_share"])
         rungs = [
             Rung(relaxed=False, refine=task.refine),
             Rung(relaxed=True, refine=task.refine),
         ]
         last = sensitivity is SENSITIVE
         for rung in rungs:
-            best = _better(task, best, database, rung)
+            best = _better(task, best, matches, rung)
             complete = n_registered(best.reconstruction) == len(task.names)
             if complete and not _thin(best.reconstruction):
                 return best
         # Images that match well and still have no model need no more features: the intrinsics are
         # wrong, or the camera never moved. A search for more would take many minutes, in vain.
-        last = last or (best.reconstruction is None and _well_matched(database))
+        last = last or (best.reconstruction is None and _well_matched(matches.database))
         if last and not task.refine:
-            best = _better(task, best, database, Rung(relaxed=True, refine=True))
+            best = _better(task, best, matches, Rung(relaxed=True, refine=True))
         if last:
             return best
         if _n_placed(task, best) >= _ENOUGH * len(task.names) and not _thin(best.reconstruction):
@@ -235,45 +234,69 @@ def _well_matched(database: Path) -> bool:
     return float(np.median(best_pairs)) >= _PLENTY_OF_MATCHES
 
 
-def _by_robot(task: _Task, found: _Found, work: Path) -> _Found:
+def _by_robot(task: _Task, found: _Found) -> _Found:
     """The model of the pairs that agree with the robot, where that of all pairs contradicts it."""
     if task.turns is None:
         return found
     main = [] if found.reconstruction is None else [to_fragment(found.reconstruction)]
     agreement = model_agreement(main, task.names, task.turns)
-    database = work / "agreeing.db"
-    if agreement >= _AGREEMENT or not agreeing_pairs(
-        found.database, database, task.turns, task.seed
-    ):
+    agreeing = None if agreement >= _AGREEMENT else _agreeing(task, found.matches, task.turns)
+    if agreeing is None:
         return found
     other = _better(
         task,
         replace(found, reconstruction=None, fragments=()),
-        database,
+        agreeing,
         Rung(relaxed=True, refine=task.refine),
     )
     if model_agreement(other.fragments, task.names, task.turns) <= agreement:
         return found
-    return replace(other, database=found.database)  # with all pairs
+    return replace(other, matches=found.matches)  # with all pairs
 
 
-def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> float:
-    """Features and matches; the part of the features that were left out because they are static."""
-    static_share = extract_features(
-        database,
+def _agreeing(task: _Task, matches: Stage, turns: RobotTurns) -> Stage | None:
+    """The pairs that agree with the robot; None where no more do than by chance."""
+    key = {
+        "recipe": RECIPE,
+        "matches": content_of(matches),
+        "matching": matches.key["matching"],
+        "geometry": matches.key["geometry"],
+        "turns": [turns.setup, turns.rotations.tolist()],
+        "seed": task.seed,
+    }
+
+    def build(folder: Path, _: tuple[Stage, ...]) -> Mapping[str, Any]:
+        found = agreeing_pairs(matches.database, folder / DATABASE, turns, task.seed)
+        return {"significant": found, "images": matches.facts["images"]}
+
+    stage = open_stage(task.stages, "agreeing", key, build)
+    stage.finish()
+    return stage if stage.facts["significant"] else None
+
+
+def _matched(task: _Task, sensitivity: Sensitivity) -> Stage:
+    """Features and matches."""
+    features = find_features(
+        task.stages,
         task.images,
-        task.names,
-        _refinable(task.cameras) if task.refine else task.cameras,
+        task.files,
         masks=task.masks,
         sensitivity=sensitivity,
         options=task.options,
-        seed=task.seed,
         progress=task.progress,
+    )
+    stage = begin_matching(
+        task.stages,
+        features,
+        _start(task, refine=task.refine),
+        sensitivity=sensitivity,
+        seed=task.seed,
         turns=task.turns,
+        base_T_gripper=None if task.guide is None else task.guide.base_T_gripper,
     )
     matcher = Matcher(
-        database=database,
-        guided=sensitivity.guided,
+        stage=stage,
+        sensitivity=sensitivity,
         options=task.options,
         seed=task.seed,
         progress=task.progress,
@@ -281,27 +304,25 @@ def _fill(task: _Task, database: Path, sensitivity: Sensitivity) -> float:
     if task.guide is None:
         matcher.match_all()
     else:
-        match_by_robot(matcher, task.names, task.guide, partial(_some, task, database))
-    return static_share
+        match_by_robot(matcher, task.names, task.guide, partial(_some, task, stage))
+    stage.finish()
+    if task.turns is not None:
+        check_setup(stage.database, task.turns, task.seed)
+    return stage
 
 
-def _some(task: _Task, database: Path, names: tuple[str, ...]) -> SfmModel | None:
+def _some(task: _Task, matches: Stage, names: tuple[str, ...]) -> SfmModel | None:
     """A model of some of the images."""
-    rung = Rung(relaxed=False, refine=task.refine)
-    models = map_images(
-        database,
-        task.images,
-        rung,
-        n_images=len(names),
-        file_cameras=task.cameras,
-        seed=task.seed,
-        progress=silent,
-        names=names,
-    )
+    models = _mapped(task, matches, Rung(relaxed=False, refine=task.refine), names)
     found = next(iter(models), None)
     if found is None or found.num_reg_images() < FEWEST_IMAGES or _thin(found):
         return None
     return to_sfm_model(found)
+
+
+def _start(task: _Task, *, refine: bool) -> Mapping[str, CameraModel] | None:
+    """The cameras to start from."""
+    return _refinable(task.cameras) if refine else task.cameras
 
 
 def _refinable(cameras: Mapping[str, CameraModel] | None) -> Mapping[str, CameraModel] | None:
@@ -314,27 +335,53 @@ def _refinable(cameras: Mapping[str, CameraModel] | None) -> Mapping[str, Camera
     }
 
 
-def _better(task: _Task, best: _Found, database: Path, rung: Rung) -> _Found:
+def _better(task: _Task, best: _Found, matches: Stage, rung: Rung) -> _Found:
     """The better of the best model so far and that of a rung."""
-    start = _refinable(task.cameras)
-    if rung.refine and not task.refine and start is not None:
-        with pycolmap.Database.open(database) as db:
-            set_cameras(db, start)
-    models = map_images(
-        database,
-        task.images,
-        rung,
-        n_images=len(task.names),
-        file_cameras=task.cameras,
-        seed=task.seed,
-        progress=task.progress,
-    )
+    models = _mapped(task, matches, rung)
     _log.info("%s: %s of %d images", rung, list(map(n_registered, models)), len(task.names))
     best = replace(best, fragments=(*best.fragments, *map(to_fragment, models)))
     chosen = largest(best.reconstruction, next(iter(models), None))
     if chosen is best.reconstruction:
         return best
-    return replace(best, reconstruction=chosen, database=database, refined=rung.refine)
+    return replace(best, reconstruction=chosen, matches=matches, refined=rung.refine)
+
+
+def _mapped(
+    task: _Task, matches: Stage, rung: Rung, some: tuple[str, ...] = ()
+) -> list[pycolmap.Reconstruction]:
+    """The models of a rung, the largest first; ``some``: of these images only."""
+    start = _start(task, refine=rung.refine)
+    key = {
+        "recipe": RECIPE,
+        "matches": content_of(matches, some),
+        "rung": asdict(rung),
+        "cameras": described(task.cameras),
+        "seed": task.seed,
+    }
+
+    def build(folder: Path, _: tuple[Stage, ...]) -> Mapping[str, Any]:
+        if start is not None:
+            with pycolmap.Database.open(matches.database) as db:
+                set_cameras(db, start)
+        models = map_images(
+            matches.database,
+            task.images,
+            rung,
+            n_images=len(task.names),
+            file_cameras=task.cameras,
+            seed=task.seed,
+            progress=silent if some else task.progress,
+            names=some,
+        )
+        for k, model in enumerate(models):
+            (folder / str(k)).mkdir()
+            model.write(folder / str(k))
+        return {"models": len(models)}
+
+    stage = open_stage(task.stages, f"{matches.kind}-{'some' if some else rung.name}", key, build)
+    stage.finish()
+    folders = [stage.folder / str(k) for k in range(stage.facts["models"])]
+    return [pycolmap.Reconstruction(folder) for folder in folders]
 
 
 def _apart(fragments: Sequence[Fragment], missing: Sequence[str]) -> tuple[Fragment, ...]:
@@ -355,7 +402,7 @@ def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str],
     if found.reconstruction is None:
         return ()
     placed = {found.reconstruction.images[i].name for i in found.reconstruction.reg_image_ids()}
-    summary = matching_summary(found.database)
+    summary = matching_summary(found.matches.database)
     return tuple(
         (name, _reason(*summary.get(name, (0, 0)))) for name in sorted(names) if name not in placed
     )

@@ -10,8 +10,16 @@ import pytest
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.options import SfmOptions
-from handeye_fg.sfm.cache import check_replaceable, inputs_digest, publish, staging, stored_model
+from handeye_fg.sfm.cache import (
+    check_replaceable,
+    file_digests,
+    inputs_digest,
+    publish,
+    staging,
+    stored_model,
+)
 from handeye_fg.sfm.model import to_sfm_model
+from handeye_fg.sfm.stages import prepare
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment
 
@@ -41,7 +49,8 @@ def digest(images: Path, **changes: object) -> str:
         "seed": 0,
         "refine_intrinsics": False,
     } | changes
-    return inputs_digest(images, **settings)  # type: ignore[arg-type]  # mixed values
+    files = file_digests(images, settings.pop("names"), settings.pop("masks"))
+    return inputs_digest(files, **settings)  # type: ignore[arg-type]  # mixed values
 
 
 def reconstruction() -> pycolmap.Reconstruction:
@@ -52,13 +61,13 @@ def reconstruction() -> pycolmap.Reconstruction:
 
 
 def store(folder: Path, key: str) -> None:
-    with staging(folder) as work:
-        database = work / "strict.db"
-        database.write_bytes(b"database")
-        made = reconstruction()
-        model = to_sfm_model(made, UNREGISTERED)
-        model = replace(model, static_share=0.25, fragments=(FRAGMENT,))
-        publish(work, folder, database, made, model, key)
+    stages = prepare(folder.parent / "stages")
+    database = stages / "strict.db"
+    database.write_bytes(b"database")
+    made = reconstruction()
+    model = to_sfm_model(made, UNREGISTERED)
+    model = replace(model, static_share=0.25, fragments=(FRAGMENT,))
+    publish(stages, folder, database, made, model, key)
 
 
 def test_everything_that_matters_changes_the_digest(inputs: Path) -> None:
@@ -97,7 +106,7 @@ def test_a_stored_model_comes_back_only_for_its_inputs(tmp_path: Path) -> None:
     assert [fragment.names for fragment in model.fragments] == [("z.jpg",)]
     np.testing.assert_array_equal(model.fragments[0].world_T_camera, np.eye(4)[None])
     assert stored_model(folder, "other") is None
-    assert [path.name for path in folder.parent.iterdir()] == ["sfm"]
+    assert [path.name for path in (folder.parent / "stages").iterdir()] == ["strict.db"]
     assert (folder / "database.db").read_bytes() == b"database"
 
 
@@ -130,7 +139,7 @@ def test_a_failure_leaves_the_old_model_and_nothing_else(tmp_path: Path) -> None
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert [path.name for path in tmp_path.iterdir()] == ["sfm"]
+    assert {path.name for path in tmp_path.iterdir()} == {"sfm", "stages"}
     assert stored_model(folder, "key") is not None
 
 

@@ -13,6 +13,7 @@ from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import silent
+from handeye_fg.sfm.features import STRICT
 from handeye_fg.sfm.matching import Matcher
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.sfm.pairs import (
@@ -22,6 +23,7 @@ from handeye_fg.sfm.pairs import (
     match_by_robot,
     not_as_placed,
 )
+from handeye_fg.sfm.stages import Stage
 from handeye_fg.simulate import simulate_poses
 from handeye_fg.types import SfmModel
 
@@ -143,7 +145,7 @@ def test_when_the_robot_is_asked() -> None:
 
 def test_names_with_blanks_are_matched(synthetic, tmp_path: Path) -> None:
     """COLMAP's list of pairs ends names at blanks."""
-    database = tmp_path / "blanks.db"
+    database = tmp_path / "database.db"
     database.write_bytes(synthetic.database.read_bytes())
     with pycolmap.Database.open(database) as db:
         db.clear_descriptors()
@@ -163,7 +165,11 @@ def test_names_with_blanks_are_matched(synthetic, tmp_path: Path) -> None:
         db.clear_matches()
         db.clear_two_view_geometries()
     matcher = Matcher(
-        database=database, guided=False, options=SfmOptions(threads=1), seed=0, progress=silent
+        stage=Stage(folder=database.parent, key={}, facts={"images": dict.fromkeys(names)}),
+        sensitivity=STRICT,
+        options=SfmOptions(threads=1),
+        seed=0,
+        progress=silent,
     )
     matcher.match_pairs(np.array([[0, 1], [3, 5]]))
     matcher.match_pairs(np.array([[0, 1], [2, 4]]))
