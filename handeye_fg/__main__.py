@@ -2,7 +2,7 @@
 
 import sys
 
-from handeye_fg.cli import main
+from handeye_fg.supervised import main
 
 if __name__ == "__main__":
     sys.exit(main())

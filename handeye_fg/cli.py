@@ -20,7 +20,7 @@ from handeye_fg.console import say, stderr_console
 from handeye_fg.errors import HandEyeError, InputDataError
 from handeye_fg.options import Options
 
-_PROGRAM = "handeye-fg"
+PROGRAM = "handeye-fg"
 _DESCRIPTION = """Hand-eye calibration from ordinary images: the pose of a camera on a robot arm,
 with its uncertainty, from a folder of images and the poses that the controller reported.
 
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["--version"]:
-        print(f"{_PROGRAM} {metadata.version(_PROGRAM)}")
+        print(f"{PROGRAM} {metadata.version(PROGRAM)}")
         return EXIT_OK
     try:
         return _parse(arguments).run()
@@ -87,7 +87,7 @@ def _parse_over(options: Options, arguments: Sequence[str]) -> Command:
     choose.__annotations__["command"] = Annotated[union, tyro.conf.arg(name="")]
     return tyro.cli(
         choose,
-        prog=_PROGRAM,
+        prog=PROGRAM,
         description=_DESCRIPTION,
         args=list(arguments),
         config=(tyro.conf.HelptextFromCommentsOff,),
@@ -96,4 +96,4 @@ def _parse_over(options: Options, arguments: Sequence[str]) -> Command:
 
 def _say_error(error: HandEyeError) -> None:
     sentence = " ".join(str(error).split())
-    say(stderr_console(), f"{_PROGRAM}: error: {sentence}")
+    say(stderr_console(), f"{PROGRAM}: error: {sentence}")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from handeye_fg.graph import refine_views
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, TargetSource, read_inputs
+from handeye_fg.io.files import sole_use
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import in_world_units, require_known_unit
 from handeye_fg.options import Options
@@ -36,7 +37,8 @@ def calibrate(
         masks: folder of masks ``NAME.png``, white = use.
         options: None: defaults.
         target: target file, or a known target that images show; None: no target.
-        output: folder in which ``sfm/`` is kept for the next run; None: nothing is kept.
+        output: folder in which ``sfm/`` and ``stages/`` are kept for the next run, which continues where
+            this one ended if it was interrupted; None: nothing is kept.
         progress: told of every stage.
 
     Raises:
@@ -48,10 +50,10 @@ def calibrate(
     inputs = read_inputs(Path(images), poses, camera, masks, options, progress, target)
     clock.lap("input")
     # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, sole_use(Path(output or scratch)):
         scene = find_scene(inputs, Path(output or scratch) / "sfm", options, progress)
-    clock.lap("sfm")
-    return solve_scene(scene, inputs, options, clock, progress)
+        clock.lap("sfm")
+        return solve_scene(scene, inputs, options, clock, progress)
 
 
 def solve_scene(

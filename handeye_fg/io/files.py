@@ -3,9 +3,16 @@
 import contextlib
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from handeye_fg.errors import InputDataError
+
+_LOCK = ".handeye-fg.lock"
+# What a process that was killed may take to be gone.
+_WAIT_S = 3.0
 
 _LARGEST_FILE = 100_000_000  # bytes; a transforms.json of ten thousand images has some ten million
 
@@ -43,6 +50,31 @@ def write_atomic(path: Path, content: str | bytes) -> Path:
         with contextlib.suppress(OSError):
             temporary.unlink()
     return path
+
+
+@contextlib.contextmanager
+def sole_use(folder: Path) -> Iterator[None]:
+    """Keep other runs out of an output folder until the end; the end of the process ends it in any case.
+
+    Raises:
+        InputDataError: another run writes there, or nothing can be written.
+    """
+    lock = FileLock(folder / _LOCK, timeout=_WAIT_S)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        raise InputDataError(
+            f"{folder}: another run is writing there; wait until it ends, or choose another output folder"
+        ) from error
+    except OSError as error:
+        raise InputDataError(
+            f"{folder}: cannot be written ({error.strerror}); choose another output folder"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def read_text(path: Path, what: str, *, may_be_empty: bool = False) -> str:
