@@ -1,9 +1,9 @@
 """Hand-eye calibration from ordinary images, with an honest uncertainty.
 
-``calibrate`` takes a folder of images and the robot's poses, ``refine`` an existing COLMAP model and
-the poses, ``solve`` pose pairs alone; all return a ``Result``. The conventions are in
-``handeye_fg.frames``. Names are imported when they are first used, so that ``import handeye_fg`` costs
-nothing.
+``calibrate`` takes images and the robot's poses, ``refine`` an existing model and the poses, ``solve`` pose
+pairs alone; all return a ``Result``, of files or of arrays. ``export`` gives it to other programs,
+``render_report`` and ``summary_text`` to people. The conventions are in ``handeye_fg.frames``, synthetic data in
+``handeye_fg.simulate``. Names are imported when they are first used, so that ``import handeye_fg`` costs nothing.
 """
 
 from importlib import import_module
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from handeye_fg.exporting import export
     from handeye_fg.from_model import refine
     from handeye_fg.from_poses import solve
+    from handeye_fg.io.cameras import read_camera
     from handeye_fg.io.poses import read_poses, write_poses
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
@@ -42,10 +43,13 @@ if TYPE_CHECKING:
         SfmOptions,
     )
     from handeye_fg.pipeline import calibrate
+    from handeye_fg.report import render_report, summary_text, write_report
     from handeye_fg.synthetic_set import write_scene
+    from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
 
 __all__ = [
     "Batch",
+    "CameraModel",
     "CameraPrior",
     "Comparison",
     "ConvergenceError",
@@ -64,19 +68,26 @@ __all__ = [
     "ReconstructionError",
     "Result",
     "RobotNoise",
+    "RobotPoses",
     "Row",
     "ScalePrior",
+    "SfmModel",
     "SfmOptions",
+    "Tracks",
     "UnobservableError",
     "batch",
     "calibrate",
     "compare",
     "export",
     "load_result",
+    "read_camera",
     "read_poses",
     "refine",
+    "render_report",
     "solve",
+    "summary_text",
     "write_poses",
+    "write_report",
     "write_scene",
 ]
 
@@ -91,11 +102,14 @@ _HOME = {
     "calibrate": "pipeline",
     "export": "exporting",
     "load_result": "io.result_reader",
+    "read_camera": "io.cameras",
     "read_poses": "io.poses",
     "refine": "from_model",
     "solve": "from_poses",
     "write_poses": "io.poses",
     "write_scene": "synthetic_set",
+    **dict.fromkeys(("render_report", "summary_text", "write_report"), "report"),
+    **dict.fromkeys(("CameraModel", "RobotPoses", "SfmModel", "Tracks"), "types"),
     **dict.fromkeys(
         (
             "CameraPrior",

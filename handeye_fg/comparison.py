@@ -139,6 +139,16 @@ def compare(first: Result, second: Result, *, significance: float = SIGNIFICANCE
     Raises:
         InputDataError: they have different setups, or no camera in common.
         ValueError: the significance is no probability.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> rng = np.random.default_rng(0)
+        >>> robot, camera, truth = simulate_poses(rng, n_poses=16)
+        >>> monday, friday = hf.solve(robot[:8], camera[:8]), hf.solve(robot[8:], camera[8:])
+        >>> hf.compare(monday, friday).verdict
+        'agree'
     """
     if not 0.0 < significance < 1.0:
         raise ValueError(f"{significance=} but expected a probability")

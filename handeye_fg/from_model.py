@@ -1,5 +1,6 @@
 """Calibration from an existing reconstruction instead of images: ``refine``."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,9 +18,9 @@ from handeye_fg.options import Options, RobotNoise
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene
-from handeye_fg.types import folders_of
+from handeye_fg.types import SfmModel, folders_of
 
-Model = sfm.ModelSource | Mapping[str, Array]
+Model = sfm.ModelSource | SfmModel | Mapping[str, Array]
 """What ``refine`` takes: a reconstruction, its folder or file, or camera poses by image name."""
 
 
@@ -40,7 +41,7 @@ def refine(
     Args:
         model: a ``pycolmap.Reconstruction``; the folder of a COLMAP model (.bin or .txt, of COLMAP 3 or 4), or one
             that has it in sparse/0; a transforms.json of nerfstudio or its folder; a file with a trajectory, such as
-            TUM; or {image name: world_T_camera (4, 4)}. Rows of a trajectory are paired by name or time, or as
+            TUM; an ``SfmModel`` of arrays; or {image name: world_T_camera (4, 4)}. Rows of a trajectory are paired by name or time, or as
             ``options.poses.pair_by`` says.
         poses: file of poses, or {image name: base_T_gripper (4, 4)} in metres.
         options: None: defaults.
@@ -53,56 +54,62 @@ def refine(
     Examples:
         >>> import numpy as np
         >>> import handeye_fg as hf
-        >>> from handeye_fg.simulate import simulate_poses
-        >>> robot, camera, truth = simulate_poses(np.random.default_rng(0), n_poses=15)
-        >>> names = [f"{i}.jpg" for i in range(15)]
-        >>> result = hf.refine(dict(zip(names, camera)), dict(zip(names, robot)))
-        >>> bool(np.allclose(result.matrix, truth.gripper_T_camera, atol=1e-3))
+        >>> from handeye_fg.simulate import simulate_scene
+        >>> scene = simulate_scene(np.random.default_rng(0), n_images=10, n_points=60)
+
+        With points and observations, and with camera poses alone:
+
+        >>> result = hf.refine(scene.model, scene.robot_poses)
+        >>> bool(np.allclose(result.matrix, scene.gripper_T_camera, atol=2e-3))
         True
+        >>> robot = dict(zip(scene.robot_poses.names, scene.robot_poses.base_T_gripper))
+        >>> hf.refine(dict(zip(scene.model.names, scene.world_T_camera)), robot).status
+        'ok'
     """
     options, clock = options or Options(), Stopwatch()
     names = None if images is None else list_cameras(Path(images))
-    source = _reconstruction(model)
-    if source is None:
-        return _from_poses(model, poses, options, names)
-    try:
-        reconstruction = sfm.read_model(source)
-    except ReconstructionError:
-        known = sfm.read_model_poses(source)
-        if len(known) < sfm.FEWEST_IMAGES:
-            raise
-        return _from_poses(known, poses, options, names)
-    inputs, paired = read_model_inputs(reconstruction, poses, options, names)
+    found = _found(model)
+    if not isinstance(found, SfmModel):
+        return _from_poses(found, poses, options, names)
+    inputs, paired = read_model_inputs(found, poses, options, names)
     clock.lap("input")
     return solve_scene(Scene(model=paired), inputs, options, clock, progress)
 
 
-def _reconstruction(model: Model) -> sfm.ModelSource | None:
-    """The COLMAP model; None for camera poses alone.
+def _found(model: Model) -> SfmModel | Mapping[str, Array] | Path:
+    """The reconstruction with its points; or camera poses, or the file that has them.
 
     Raises:
-        InputDataError: a folder holds neither.
+        InputDataError: a folder holds neither, or the model cannot be read.
+        ReconstructionError: the model has fewer than three images.
     """
-    if isinstance(model, Mapping):
-        return None
-    if not isinstance(model, str | Path):
+    if isinstance(model, SfmModel | Mapping):
         return model
-    path = Path(model)
-    if path.is_file():
-        return None
-    if not path.exists():
-        return path
-    folder = sfm.model_folder(path)
-    if folder is None and not (path / TRANSFORMS).is_file():
-        raise InputDataError(
-            f"model {path}: holds no COLMAP model (cameras, images and points3D, .bin or .txt, there or in "
-            f"sparse/0) and no {TRANSFORMS}; give the folder of one"
-        )
-    return folder
+    source: sfm.ModelSource = model
+    if isinstance(model, str | os.PathLike) and (path := Path(model)).exists():
+        folder = sfm.model_folder(path)
+        if folder is None and (path.is_file() or (path / TRANSFORMS).is_file()):
+            return path
+        if folder is None:
+            raise InputDataError(
+                f"model {path}: holds no COLMAP model (cameras, images and points3D, .bin or .txt, there or in "
+                f"sparse/0) and no {TRANSFORMS}; give the folder of one"
+            )
+        source = folder
+    try:
+        return sfm.read_model(source)
+    except ReconstructionError:
+        known = sfm.read_model_poses(source)
+        if len(known) < sfm.FEWEST_IMAGES:
+            raise
+        return known
 
 
 def _from_poses(
-    model: Model, poses: PosesSource, options: Options, images: Sequence[str] | None
+    model: Mapping[str, Array] | Path,
+    poses: PosesSource,
+    options: Options,
+    images: Sequence[str] | None,
 ) -> Result:
     """X from pose pairs, by name.
 
@@ -119,7 +126,7 @@ def _from_poses(
     camera = (
         dict(model)
         if isinstance(model, Mapping)
-        else read_camera_poses(Path(str(model)), wanted, options.poses.pair_by)
+        else read_camera_poses(model, wanted, options.poses.pair_by)
     )
     noise = options.noise
     return solve(

@@ -122,6 +122,25 @@ def solve(
             convention.
         UnobservableError: the robot or the camera did not move.
         ConvergenceError: robot and camera contradict each other.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> base_T_gripper, world_T_camera, truth = simulate_poses(np.random.default_rng(0), n_poses=12)
+        >>> result = hf.solve(base_T_gripper, world_T_camera)
+        >>> result.status, result.matrix.shape, result.covariance.shape
+        ('ok', (4, 4), (6, 6))
+        >>> bool(np.allclose(result.matrix, truth.gripper_T_camera, atol=2e-3))
+        True
+
+        By name, with the noise of both lists estimated:
+
+        >>> robot = {f"{i}.jpg": matrix for i, matrix in enumerate(base_T_gripper)}
+        >>> camera = {f"{i}.jpg": matrix for i, matrix in enumerate(world_T_camera)}
+        >>> result = hf.solve(robot, camera, "pose_graph")
+        >>> [row.name for row in result.images if row.outlier]
+        []
     """
     if method not in get_args(MethodName):
         raise InputDataError(

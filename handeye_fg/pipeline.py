@@ -1,11 +1,13 @@
 """The main flow: from images and robot poses to X with its uncertainty, in numbered steps."""
 
 import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 
 from handeye_fg.graph import refine_views
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, TargetSource, read_inputs
 from handeye_fg.io.files import sole_use
+from handeye_fg.io.image_arrays import ImageArrays, as_folder
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import in_world_units, require_known_unit
 from handeye_fg.options import Options
@@ -17,10 +19,10 @@ from handeye_fg.turns import require_same_turns
 
 
 def calibrate(
-    images: str | Path,
+    images: str | Path | ImageArrays,
     poses: PosesSource,
     camera: CameraSource = None,
-    masks: str | Path | None = None,
+    masks: str | Path | ImageArrays | None = None,
     options: Options | None = None,
     *,
     target: TargetSource = None,
@@ -30,28 +32,55 @@ def calibrate(
     """Find the pose of a camera on a robot arm from ordinary images.
 
     Args:
-        images: folder of the images, of several cameras with a sub-folder for each.
-        poses: CSV file, or {image name: base_T_gripper (4, 4)} in metres.
+        images: folder of the images, of several cameras with a sub-folder for each; or {image name: array}, grey
+            (h, w) or RGB (h, w, 3), uint8, of several cameras with names such as "cam0/000.png".
+        poses: file of poses, or {image name: base_T_gripper (4, 4)} in metres.
         camera: camera file, or intrinsics; of several cameras a folder with a file for each, or
             those that all have; None: they are found from the images.
-        masks: folder of masks ``NAME.png``, white = use.
+        masks: folder of masks ``NAME.png``, white = use; or {image name: array}, boolean or uint8.
         options: None: defaults.
         target: target file, or a known target that images show; None: no target.
         output: folder in which ``sfm/`` and ``stages/`` are kept for the next run, which continues where
             this one ended if it was interrupted; None: nothing is kept.
         progress: told of every stage.
 
+    Returns:
+        X with its covariance, and what is known of every image.
+
     Raises:
         HandEyeError: see its subclasses; the message says what to do.
+
+    Examples:
+        From files, with what ``handeye-fg calibrate`` does (half a minute, so that it is not run here):
+
+        >>> import handeye_fg as hf
+        >>> result = hf.calibrate("images", "poses.csv", camera="camera.yaml")  # doctest: +SKIP
+        >>> print(result.status, result.matrix)  # doctest: +SKIP
+
+        Without files: images as arrays, poses as matrices, the camera as a value. What cannot be calibrated is
+        refused with a sentence on what to do:
+
+        >>> import numpy as np
+        >>> images = {f"{i}.png": np.full((480, 640), 100, dtype=np.uint8) for i in range(2)}
+        >>> camera = hf.CameraModel(model="PINHOLE", width=640, height=480, params=[500, 500, 320, 240])
+        >>> poses = {name: np.eye(4) for name in images}
+        >>> hf.calibrate(images, poses, camera=camera)  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+            ...
+        handeye_fg.errors.InputDataError: only 2 images of ... have a pose, but at least 3 are needed, ...
     """
     options, clock = options or Options(), Stopwatch()
     require_known_unit(options.priors)
-    # 1. Read everything, and pair images and poses by name.
-    inputs = read_inputs(Path(images), poses, camera, masks, options, progress, target)
-    clock.lap("input")
-    # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
-    with tempfile.TemporaryDirectory() as scratch, sole_use(Path(output or scratch)):
-        scene = find_scene(inputs, Path(output or scratch) / "sfm", options, progress)
+    with ExitStack() as files:
+        # 1. Read everything, and pair images and poses by name.
+        folder = files.enter_context(as_folder(images))
+        masked = None if masks is None else files.enter_context(as_folder(masks, ".png"))
+        inputs = read_inputs(folder, poses, camera, masked, options, progress, target)
+        clock.lap("input")
+        # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
+        kept = Path(output or files.enter_context(tempfile.TemporaryDirectory()))
+        files.enter_context(sole_use(kept))
+        scene = find_scene(inputs, kept / "sfm", options, progress)
         clock.lap("sfm")
         return solve_scene(scene, inputs, options, clock, progress)
 

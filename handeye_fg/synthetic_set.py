@@ -29,6 +29,18 @@ def write_scene(scene: Scene, folder: str | Path) -> Path:
     Raises:
         InputDataError: the folder cannot be written.
         ValueError: the scene has another camera.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from tempfile import TemporaryDirectory
+        >>> from handeye_fg.simulate import simulate_scene
+        >>> scene = simulate_scene(np.random.default_rng(0), n_images=8, n_points=60)
+        >>> with TemporaryDirectory() as folder:
+        ...     path = hf.write_scene(scene, folder)
+        ...     result = hf.refine(path / "model", path / "poses.csv")
+        >>> result.status
+        'ok'
     """
     folder = Path(folder)
     write_atomic(folder / "camera.yaml", _camera_file(scene.camera))

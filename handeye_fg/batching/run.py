@@ -70,6 +70,13 @@ def batch(
         InputDataError: the manifest breaks its form, the output cannot be written, or the scheduler does
             not answer; nothing was calibrated.
         HandEyeError: the scheduler was lost.
+
+    Examples:
+        Each data set is calibrated in a process of its own, so that this is not run here:
+
+        >>> import handeye_fg as hf
+        >>> found = hf.batch("cells", "out", jobs=2)  # doctest: +SKIP
+        >>> [(row.name, row.status) for row in found.rows]  # doctest: +SKIP
     """
     if jobs is not None and jobs < 1:
         raise InputDataError(f"jobs is {jobs}, but must be 1 or more")

@@ -35,7 +35,7 @@ from handeye_fg.types import (
 Kind = Literal["rotation", "translation", "scale"]
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: str | Path) -> Result:
     """Read a ``result.json``.
 
     Args:
@@ -47,6 +47,19 @@ def load_result(path: Path) -> Result:
     Raises:
         InputDataError: the file is missing, not JSON, of another version, of a failed calibration,
             or breaks the schema.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from tempfile import TemporaryDirectory
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> robot, camera, _ = simulate_poses(np.random.default_rng(0), n_poses=10)
+        >>> result = hf.solve(robot, camera)
+        >>> with TemporaryDirectory() as folder:
+        ...     _ = result.save(folder)
+        ...     again = hf.load_result(folder)
+        >>> bool(np.array_equal(again.matrix, result.matrix))
+        True
     """
     path = Path(path)
     if path.is_dir():

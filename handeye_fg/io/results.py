@@ -240,7 +240,7 @@ class Result:
                     f"{direction.frame=} but expected {parent_frame(self.setup)!r}, the parent of X"
                 )
 
-    def save(self, folder: Path) -> Path:
+    def save(self, folder: str | Path) -> Path:
         """Write ``result.json``, whole or not at all.
 
         Args:

@@ -34,7 +34,7 @@ REPORT_NAME = "report.html"
 _NORMAL_95 = 1.959964
 
 
-def write_report(result: Result, folder: Path) -> Path:
+def write_report(result: Result, folder: str | Path) -> Path:
     """Write ``report.html``.
 
     Args:
@@ -46,12 +46,39 @@ def write_report(result: Result, folder: Path) -> Path:
 
     Raises:
         InputDataError: the folder cannot be written.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from tempfile import TemporaryDirectory
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> robot, camera, _ = simulate_poses(np.random.default_rng(0), n_poses=10)
+        >>> result = hf.solve(robot, camera)
+        >>> with TemporaryDirectory() as folder:
+        ...     hf.write_report(result, folder).name
+        'report.html'
     """
     return write_atomic(Path(folder) / REPORT_NAME, render(result))
 
 
 def render(result: Result) -> str:
-    """The page as text; the same result gives the same text."""
+    """``report.html`` as text; the same result gives the same text.
+
+    Args:
+        result: what to report.
+
+    Returns:
+        A page of HTML that needs no other file.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> robot, camera, _ = simulate_poses(np.random.default_rng(0), n_poses=10)
+        >>> page = hf.render_report(hf.solve(robot, camera))
+        >>> "p_gripper = gripper_T_camera p_camera" in page
+        True
+    """
     source = resources.files(__package__).joinpath("template.html").read_text(encoding="utf-8")
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True

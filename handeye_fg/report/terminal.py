@@ -15,12 +15,21 @@ from handeye_fg.io.results import Result
 from handeye_fg.report import wording
 
 
-def summary_text(result: Result, report: Path | None = None) -> str:
+def summary_text(result: Result, report: str | Path | None = None) -> str:
     """The result in a page of plain text.
 
     Args:
         result: the result.
         report: the page to point at, if one was written.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_poses
+        >>> robot, camera, _ = simulate_poses(np.random.default_rng(0), n_poses=10)
+        >>> result = hf.solve(robot, camera)
+        >>> print(hf.summary_text(result).splitlines()[2])
+        X = gripper_T_camera
     """
     name = wording.transform_name(result)
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)

@@ -38,6 +38,17 @@ def read_camera(path: str | Path) -> CameraModel:
     Raises:
         InputDataError: the file is missing, damaged or of another kind, has several cameras, or has a model that
             cannot be represented.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import handeye_fg as hf
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "cameras.txt"
+        ...     _ = path.write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.1")
+        ...     camera = hf.read_camera(path)
+        >>> camera.model, camera.params.tolist()
+        ('SIMPLE_RADIAL', [500.0, 320.0, 240.0, -0.1])
     """
     cameras = read_cameras(path)
     first, *others = cameras.values()

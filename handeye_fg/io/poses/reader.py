@@ -40,7 +40,7 @@ def read_poses(
     images: Sequence[str] | None = None,
     **known: Any,
 ) -> RobotPoses:
-    """Robot poses from a file, or from a folder with a file for each pose.
+    r"""Robot poses from a file, or from a folder with a file for each pose.
 
     Args:
         path: the file or folder.
@@ -57,6 +57,17 @@ def read_poses(
     Raises:
         InputDataError: the file is missing, damaged, of no known format or of one that cannot be told;
             a row is no pose; or rows and images cannot be paired.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import handeye_fg as hf
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "poses.csv"
+        ...     _ = path.write_text("image,x,y,z,qx,qy,qz,qw\na.jpg,500,0,300,0,0,0,1\n")
+        ...     poses = hf.read_poses(path, units="mm")
+        >>> poses.names, poses.base_T_gripper[0, :3, 3].tolist()
+        (('a.jpg',), [0.5, 0.0, 0.3])
     """
     try:
         options = PoseFileOptions(format=format, **known)

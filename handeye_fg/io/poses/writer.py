@@ -49,6 +49,16 @@ def write_poses(
 
     Raises:
         InputDataError: a file cannot be written, or two images would have one file.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from tempfile import TemporaryDirectory
+        >>> poses = hf.RobotPoses(names=("a.jpg", "b.jpg"), base_T_gripper=np.stack([np.eye(4)] * 2))
+        >>> with TemporaryDirectory() as folder:
+        ...     path = hf.write_poses(poses, f"{folder}/poses.csv")
+        ...     hf.read_poses(path).names
+        ('a.jpg', 'b.jpg')
     """
     options, path = options or PoseFileOptions(), Path(path)
     entry = FORMATS["csv" if options.format == "auto" else options.format]
