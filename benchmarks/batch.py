@@ -70,7 +70,7 @@ def make_sets(source, folder, n_sets):
             cv2.imwrite(str(images / name), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
         text = "\n".join([header, *(row_of[name] for name in chosen)])
         if broken.get(k) == "poses":
-            text = text.replace(",", ",x", 12)
+            text += "?"
         if broken.get(k) == "missing":
             shutil.rmtree(images)
         (images.parent / "poses.csv").write_text(text + "\n")

@@ -91,3 +91,11 @@ def test_a_config_that_cannot_be_read_fails_its_data_set_only(job: Job, tmp_path
     )
     assert row.status == "failed"
     assert "'sed'" in row.message or "sed is not an option" in row.message
+
+
+def test_no_result_of_other_input_is_left(job: Job) -> None:
+    stale = Path(job.output) / "first" / "result.json"
+    stale.parent.mkdir()
+    stale.write_text("{}", encoding="utf-8")
+    run_data_set(job, lambda: False)
+    assert not stale.exists()
