@@ -3,13 +3,21 @@
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
 
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as ProgressBars
 
 from handeye_fg.progress import Progress
@@ -25,6 +33,10 @@ _STAGES = {
 }
 
 
+# A log file is read later: a line in so many seconds says that it goes on.
+_INTERVAL_S = 10.0
+
+
 class _Bars:
     """A bar for each stage, for a terminal."""
 
@@ -36,7 +48,9 @@ class _Bars:
         """Move the stage's bar."""
         if stage not in self._tasks:
             self.close()
-            self._tasks[stage] = self._bars.add_task(_STAGES.get(stage, stage), total=total)
+            name = _STAGES.get(stage, stage)
+            # What an earlier run has done tells nothing of the speed.
+            self._tasks[stage] = self._bars.add_task(name, total=total, completed=done)
         self._bars.update(self._tasks[stage], completed=done, total=total)
 
     def close(self) -> None:
@@ -46,27 +60,42 @@ class _Bars:
                 self._bars.update(task.id, total=task.completed)
 
 
-class _Lines:
-    """A line at each stage's start and end, for a log file."""
+class Lines:
+    """A line at each stage's start and end, and now and then with the time left, for a log file."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, clock: Callable[[], float] = perf_counter) -> None:
         self._console = console
+        self._clock = clock
         self._stage: str | None = None
         self._count = ""
+        self._first, self._since, self._last = 0, 0.0, 0.0
 
     def __call__(self, stage: str, done: int, total: int | None) -> None:
         """Note the count; a new stage ends the one before."""
+        now = self._clock()
         if stage != self._stage:
             self.close()
             self._stage = stage
+            self._first, self._since, self._last = done, now, now
             say(self._console, f"{_STAGES.get(stage, stage)} ...")
         self._count = f"{done}" if total is None else f"{done} of {total}"
+        if now - self._last >= _INTERVAL_S and total is not None and self._first < done < total:
+            self._last = now
+            left = (now - self._since) * (total - done) / (done - self._first)
+            say(
+                self._console, f"{_STAGES.get(stage, stage)}: {self._count}, {_duration(left)} left"
+            )
 
     def close(self) -> None:
         """End the current stage."""
         if self._stage is not None:
             say(self._console, f"{_STAGES.get(self._stage, self._stage)}: {self._count}")
         self._stage = None
+
+
+def _duration(seconds: float) -> str:
+    """About so long."""
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
 @contextmanager
@@ -78,13 +107,14 @@ def progress_view(console: Console) -> Iterator[Progress]:
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
+            TimeRemainingColumn(),
         )
         with ProgressBars(*columns, console=console) as bars:
             view = _Bars(bars)
             yield view
             view.close()
     else:
-        lines = _Lines(console)
+        lines = Lines(console)
         yield lines
         lines.close()
 

@@ -1,4 +1,5 @@
 import dataclasses
+import io
 import json
 import logging
 import re
@@ -12,8 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from handeye_fg import cli
+from handeye_fg.console import Lines
 from handeye_fg.errors import (
     ConvergenceError,
     HandEyeError,
@@ -239,6 +242,22 @@ def test_log_file_has_a_line_at_each_start_and_end(
         "registering images ...",
         "registering images: 2 of 2",
     ]
+
+
+def test_log_file_says_now_and_then_how_long_it_takes() -> None:
+    text, now = io.StringIO(), 0.0
+    lines = Lines(Console(file=text), lambda: now)
+    for done in range(40, 101):  # 40 were there already
+        lines("pairs", done, 100)
+        now += 3.0
+    lines.close()
+    assert text.getvalue().splitlines()[:4] == [
+        "matching pairs ...",
+        "matching pairs: 44 of 100, 3 min left",
+        "matching pairs: 48 of 100, 3 min left",
+        "matching pairs: 52 of 100, 2 min left",
+    ]
+    assert "matching pairs: 72 of 100, 84 s left" in text.getvalue()
 
 
 def test_terminal_has_bars(

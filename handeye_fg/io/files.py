@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 
 from handeye_fg.errors import InputDataError
 
-_LOCK = ".handeye-fg.lock"
+LOCK = ".handeye-fg.lock"
 # What a process that was killed may take to be gone.
 _WAIT_S = 3.0
 
@@ -59,7 +59,7 @@ def sole_use(folder: Path) -> Iterator[None]:
     Raises:
         InputDataError: another run writes there, or nothing can be written.
     """
-    lock = FileLock(folder / _LOCK, timeout=_WAIT_S)
+    lock = FileLock(folder / LOCK, timeout=_WAIT_S)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
