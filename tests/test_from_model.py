@@ -18,6 +18,7 @@ import handeye_fg as hf
 from handeye_fg import frames, sfm
 from handeye_fg.cli import main
 from handeye_fg.frames import Array
+from handeye_fg.io.model_poses import read_camera_poses
 from handeye_fg.simulate import Scene, default_camera, simulate_scene
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -256,6 +257,43 @@ def test_transforms_that_cannot_serve(tmp_path: Path, change: dict[str, Any], me
     path.write_text(json.dumps(change))
     with pytest.raises(hf.InputDataError, match=message):
         hf.refine(path, {"a.png": np.eye(4), "b.png": np.eye(4)})
+
+
+values = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=4)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=3), inner)
+    ),
+    max_leaves=5,
+)
+
+
+@settings(
+    max_examples=300, deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_any_transforms_give_poses_or_a_clean_error(
+    tmp_path: Path, scene: Scene, data: st.DataObject
+) -> None:
+    content = transforms(scene)
+    frame = content["frames"][data.draw(st.integers(0, 7))]
+    where = data.draw(st.sampled_from([content, frame]))
+    where[data.draw(st.sampled_from(sorted(where)))] = data.draw(values)
+    text = json.dumps(content)
+    i = data.draw(st.one_of(st.just(len(text)), st.integers(0, len(text))))
+    path = tmp_path / "transforms.json"
+    path.write_bytes(text[:i].encode() + data.draw(st.binary(max_size=3)) + text[i + 1 :].encode())
+    poses, message = {}, ""
+    try:
+        poses = read_camera_poses(path, scene.model.names)
+    except hf.InputDataError as error:
+        message = str(error)
+    if not poses:
+        assert "camera poses" in message
+        assert "\n" not in message
+    for matrix in poses.values():
+        assert np.isfinite(matrix).all()
+        np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,8 @@ def read_camera_poses(
     if path.suffix != ".json":
         poses = read_poses(path, images=names, pair_by=pair_by)
         return dict(zip(poses.names, poses.base_T_gripper, strict=True))
-    return _renamed(_of_transforms(read_json(path, _KIND, _WANTED, _REMEDY)), names)
+    fields = read_json(path, _KIND, _WANTED, _REMEDY)
+    return _renamed(_of_transforms(fields), names, fields.where)
 
 
 def _of_transforms(fields: Fields) -> dict[str, Array]:
@@ -80,7 +81,7 @@ def _pose(frame: Fields) -> Array:
     return pose(orthonormalised(rotation), matrix[:3, 3])
 
 
-def _renamed(poses: Mapping[str, Array], names: Sequence[str]) -> dict[str, Array]:
+def _renamed(poses: Mapping[str, Array], names: Sequence[str], where: str) -> dict[str, Array]:
     """The poses under the given names: of the same file, or else of the same file without suffix."""
     wanted = {PurePosixPath(name).name: name for name in names}
     by_stem = {PurePosixPath(name).stem: name for name in names}
@@ -90,7 +91,7 @@ def _renamed(poses: Mapping[str, Array], names: Sequence[str]) -> dict[str, Arra
         name = wanted.get(file.name) or (None if file.suffix else by_stem.get(file.name)) or path
         if name in result:
             raise InputDataError(
-                f"{_KIND}: two frames are of images with the name {shown(name)}, so that it cannot be told which "
+                f"{where}: two frames are of images with the name {shown(name)}, so that it cannot be told which "
                 "is meant; give the images of one camera different names"
             )
         result[name] = matrix
