@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         SfmOptions,
     )
     from handeye_fg.pipeline import calibrate
+    from handeye_fg.planning import Plan, Workspace, plan, plan_first, read_arm
     from handeye_fg.report import render_report, summary_text, write_report
     from handeye_fg.synthetic_set import write_scene
     from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
@@ -62,6 +63,7 @@ __all__ = [
     "InputDataError",
     "NoiseOptions",
     "Options",
+    "Plan",
     "PoseFileOptions",
     "PosePrior",
     "Prior",
@@ -75,11 +77,15 @@ __all__ = [
     "SfmOptions",
     "Tracks",
     "UnobservableError",
+    "Workspace",
     "batch",
     "calibrate",
     "compare",
     "export",
     "load_result",
+    "plan",
+    "plan_first",
+    "read_arm",
     "read_camera",
     "read_poses",
     "refine",
@@ -96,6 +102,7 @@ _HOME = {
     **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
     "Batch": "batching.rows",
     "DataSet": "batching.manifest",
+    **dict.fromkeys(("Plan", "Workspace", "plan", "plan_first", "read_arm"), "planning"),
     "Result": "io.results",
     "Row": "batching.rows",
     "batch": "batching.run",

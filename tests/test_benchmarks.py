@@ -1,10 +1,12 @@
 """The benchmarks run; their figures are in benchmarks/README.md."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -26,3 +28,17 @@ def test_kinhec(tmp_path: Path) -> None:
     assert all(answered == total == "4" for _, answered, total, _, _ in rows)
     assert millimetres["pose_graph"] < millimetres["andreff_scale"]
     assert millimetres["andreff_scale"] < millimetres["kinhec andreff_scale"]
+
+
+@pytest.mark.slow
+@pytest.mark.simulation
+def test_planned_poses_and_their_predictions() -> None:
+    """Planned poses serve as well as twice as many random ones, and as predicted, but for chance."""
+    planning = runpy.run_path(str(BENCHMARKS / "planning.py"))
+    case = planning["Case"](start=10, planned=6, rotation=0.1, translation=1.0, points=50)
+    found = [planning["draw"](case, seed) for seed in range(8)]
+    assert np.median([one.ratio for one in found]) > 0.9
+    ratios = np.median([one.reached / one.predicted for one in found], axis=0)
+    assert np.abs(np.log(ratios)).max() < np.log(1.2)
+    # All six components of X in predicted standard deviations.
+    assert 0.7 < np.sqrt(np.mean([one.error for one in found])) < 1.3

@@ -9,6 +9,7 @@ from handeye_fg.commands.batch import Batch
 from handeye_fg.commands.calibrate import Calibrate
 from handeye_fg.commands.compare import Compare
 from handeye_fg.commands.export import Export
+from handeye_fg.commands.plan import PlanPoses
 from handeye_fg.commands.report import Report
 from handeye_fg.commands.simulate import Simulate
 from handeye_fg.commands.solve import Solve
@@ -28,9 +29,10 @@ COMMANDS: dict[str, type[Command]] = {
     "report": Report,
     "export": Export,
     "compare": Compare,
+    "plan": PlanPoses,
     "batch": Batch,
     "simulate": Simulate,
 }
 """Each command under its name, in the order of the help text."""
 
-__all__ = ["COMMANDS", "Calibrate", "Command", "Compare", "Export", "Report", "Solve"]
+__all__ = ["COMMANDS", "Calibrate", "Command", "Compare", "Export", "PlanPoses", "Report", "Solve"]

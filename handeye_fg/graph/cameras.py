@@ -111,6 +111,11 @@ def _prior(camera: CameraModel, *, free: bool, given: CameraPrior | None = None)
     return IntrinsicsPrior(params=camera.params, sigmas=sigmas)
 
 
+def free_intrinsics(camera: CameraModel) -> IntrinsicsPrior:
+    """Intrinsics that the images alone determine, around a camera."""
+    return _prior(camera, free=True)
+
+
 def _fixed(camera: CameraModel) -> IntrinsicsPrior:
     """Intrinsics that stay as they are."""
     return IntrinsicsPrior(params=camera.params, sigmas=np.zeros(len(camera.params)))

@@ -20,8 +20,8 @@ Document = dict[str, object]
 Stds = tuple[float | None, ...]
 
 
-class Calibrated(Protocol):
-    """What a whole result and the report of one of several cameras share."""
+class Uncertain(Protocol):
+    """X with its uncertainty."""
 
     @property
     def matrix(self) -> Array:
@@ -34,6 +34,10 @@ class Calibrated(Protocol):
     @property
     def free_directions(self) -> tuple[FreeDirection, ...]:
         """What the data leave undetermined."""
+
+
+class Calibrated(Uncertain, Protocol):
+    """What a whole result and the report of one of several cameras share."""
 
     @property
     def camera(self) -> CameraModel | None:
@@ -104,12 +108,12 @@ class CameraReport:
         check_finite(self, "pixel")
 
 
-def std_rotation_deg(result: Calibrated) -> Stds:
+def std_rotation_deg(result: Uncertain) -> Stds:
     """Standard deviations (3,) of X's rotation about the camera's axes; None where free or unknown."""
     return _degrees(result.covariance, _free(result, "rotation"))
 
 
-def std_translation_mm(result: Calibrated) -> Stds:
+def std_translation_mm(result: Uncertain) -> Stds:
     """Standard deviations (3,) of X's position along the camera's axes; None where free or unknown."""
     return _millimetres(result.covariance, _free(result, "translation"))
 
@@ -126,7 +130,7 @@ def relative_std_translation_mm(report: CameraReport) -> Stds:
     return _millimetres(covariance, free_lean(covariance)[3:])
 
 
-def _free(result: Calibrated, kind: Literal["rotation", "translation"]) -> Array:
+def _free(result: Uncertain, kind: Literal["rotation", "translation"]) -> Array:
     """How much free directions lean (3,) on each axis of the camera."""
     lean = np.zeros(3)
     for direction in result.free_directions:

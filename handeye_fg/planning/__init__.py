@@ -1,0 +1,22 @@
+"""Which poses of the arm make X most certain, and how certain it is going to be.
+
+Entry points: ``plan`` (after a calibration) and ``plan_first`` (before the first image).
+"""
+
+from handeye_fg.planning.arm import Arm, read_arm
+from handeye_fg.planning.expected import Expected
+from handeye_fg.planning.next_poses import USUAL_NOISE, Plan, plan, plan_first
+from handeye_fg.planning.reach import Both, Reach, Workspace
+
+__all__ = [
+    "USUAL_NOISE",
+    "Arm",
+    "Both",
+    "Expected",
+    "Plan",
+    "Reach",
+    "Workspace",
+    "plan",
+    "plan_first",
+    "read_arm",
+]
