@@ -20,6 +20,8 @@ _MOST_POINTS = 2000
 # Between two views of a rendered desk the matches fall to 1/e when the angle between the rays to a point
 # grows by this.
 _FALL = np.deg2rad(30.0)
+# As far as this, in depths of the scene, two images may aim apart and still overlap by half.
+_IMAGE = 0.5
 # A point that was seen from some direction is seen from others up to this far from it, and hidden by the
 # thing that it is on from others.
 _SAME_SIDE = np.deg2rad(60.0)
@@ -119,11 +121,12 @@ def _inside(camera: CameraModel, rays: Array) -> NDArray[np.bool_]:
 
 
 def _nearness(world_T_camera: Array, depth: float) -> Array:
-    """How near cameras are (n, n), from 0 to 1: by their axes, and by their places in depths of the scene."""
-    axes, places = world_T_camera[:, :3, 2], world_T_camera[:, :3, 3]
+    """How near cameras are (n, n), from 0 to 1: by their axes, and by what they aim at at the scene's depth."""
+    axes = world_T_camera[:, :3, 2]
+    aims = world_T_camera[:, :3, 3] + depth * axes
     angle = np.arccos(np.clip(axes @ axes.T, -1.0, 1.0))
-    apart = np.linalg.norm(places[:, None] - places, axis=2) / depth
-    return np.asarray(np.exp(-angle / _FALL - apart))
+    apart = np.linalg.norm(aims[:, None] - aims, axis=2) / depth
+    return np.asarray(np.exp(-angle / _FALL - apart / _IMAGE))
 
 
 def _nearest_seen(model: SfmModel, tracks: Tracks, rays: Array) -> Array:

@@ -20,7 +20,7 @@ CAMERA = CameraModel(
     height=720,
     params=np.array([820.0, 820, 480, 360, -0.06, 0.03, 0.0, 0.0]),
 )
-N_IMAGES, PARTNERS = 100, 12
+N_IMAGES, PARTNERS = 100, 10
 # Features are matched reliably up to about this angle.
 MATCHED = np.deg2rad(45.0)
 

@@ -24,7 +24,7 @@ from handeye_fg.types import Indices, SfmModel, folder_of
 # Below, all pairs take no longer than the choice of some.
 _MOST_FOR_ALL = 30
 # Images to begin with; others to match an image with. With 8 others X is the same as with all 59.
-_BEGINNING, _PARTNERS = 16, 12
+_BEGINNING, _PARTNERS = 16, 10
 # Poses that are this near, in parts of the usual distance, are one.
 _SAME = 1e-6
 # COLMAP's least number of inliers of a pair.

@@ -28,8 +28,8 @@ EFFORTS: Mapping[str, Effort] = MappingProxyType(
         "thorough": Effort(max_features=8192, first_octave=-1),
     }
 )
-# X gains from more images as from more features in each.
-_FEW_IMAGES = 12
+# Of so few, each counts: an image with little texture keeps its place.
+_FEW_IMAGES = 16
 
 
 def effort_of(options: SfmOptions, n_images: int) -> Effort:

@@ -11,9 +11,9 @@ from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError, ReconstructionError
-from handeye_fg.options import SfmOptions
+from handeye_fg.options import Pairs, SfmOptions
 from handeye_fg.progress import Progress, silent
-from handeye_fg.sfm import read_model, reconstruct
+from handeye_fg.sfm import RobotGuide, read_model, reconstruct
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
 
@@ -48,6 +48,8 @@ def run(
     masks: Path | None = None,
     progress: Progress = silent,
     turns: RobotTurns | None = None,
+    guide: RobotGuide | None = None,
+    pairs: Pairs = "auto",
 ) -> SfmModel:
     return reconstruct(
         images,
@@ -55,10 +57,11 @@ def run(
         None if camera is None else {".": camera},
         masks=masks,
         folder=folder,
-        options=SfmOptions(max_features=2000),
+        options=SfmOptions(max_features=2000, pairs=pairs),
         seed=0,
         progress=progress,
         turns=turns,
+        guide=guide,
     )
 
 
@@ -183,6 +186,35 @@ def test_each_folder_has_a_camera(images: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.params, given.params)
     # Resampled twice; with the other folder's intrinsics it would be degrees.
     assert largest_error_deg(model) < 0.2
+
+
+def test_the_robot_may_choose_the_pairs(
+    images: Path, first: tuple[SfmModel, Path, list], tmp_path: Path
+) -> None:
+    """Of five images all: the same model, whether the robot is sure or not."""
+    asked: list[SfmModel] = []
+
+    def place(model: SfmModel) -> np.ndarray | None:
+        asked.append(model)
+        return model.world_T_camera
+
+    poses = np.array(json.loads((TABLETOP / "truth.json").read_text())["base_T_gripper"])[:5]
+    model = run(
+        images, tmp_path / "sfm", guide=RobotGuide(base_T_gripper=poses, place=place), pairs="robot"
+    )
+    assert [model.names for model in asked] == [NAMES]
+    np.testing.assert_allclose(model.world_T_camera, first[0].world_T_camera, atol=1e-3)
+    # The poses are among what the model depends on.
+    other = RobotGuide(base_T_gripper=poses[::-1], place=lambda _: None)
+    told: list[str] = []
+    run(
+        images,
+        tmp_path / "sfm",
+        guide=other,
+        pairs="robot",
+        progress=lambda stage, *_: told.append(stage),
+    )
+    assert "pairs" in told
 
 
 def test_progress_is_counted(first: tuple[SfmModel, Path, list]) -> None:
