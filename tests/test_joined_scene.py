@@ -14,6 +14,7 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.options import Options
 from handeye_fg.progress import silent
 from handeye_fg.scene import find_scene
+from handeye_fg.sfm.stages import Stage, open_stage
 from handeye_fg.sfm.tracks import _fill as fill_with_tracks
 from handeye_fg.simulate import Scene, simulate_scene
 
@@ -46,11 +47,14 @@ def inputs(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Inp
     for name in names:
         (tmp_path / name).write_bytes(name.encode())
 
-    def fill(_task, copy: Path, _sensitivity) -> float:
-        shutil.copyfile(database, copy)
-        return 0.0
+    def matched(task, _sensitivity) -> Stage:
+        def build(stage: Path, _older) -> dict[str, object]:
+            shutil.copyfile(database, stage / "database.db")
+            return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
 
-    monkeypatch.setattr(importlib.import_module("handeye_fg.sfm.reconstruct"), "_fill", fill)
+        return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
+
+    monkeypatch.setattr(importlib.import_module("handeye_fg.sfm.reconstruct"), "_matched", matched)
     return Inputs(
         images=tmp_path,
         names=names,
@@ -67,7 +71,7 @@ def test_two_parts_become_one_model(scene: Scene, inputs: Inputs, tmp_path: Path
 
     def find() -> np.ndarray:
         model = find_scene(
-            inputs, tmp_path / "sfm", Options(), lambda *report: told.append(report)
+            inputs, tmp_path / "out" / "sfm", Options(), lambda *report: told.append(report)
         ).model
         assert model.names == scene.model.names
         assert model.unregistered == ()
@@ -95,7 +99,7 @@ def test_a_part_that_contradicts_the_robot_stays_out(
     noise = np.random.default_rng(0).normal(0.0, 0.3, (N - SECOND, 6))
     turned[SECOND:] = turned[SECOND:] @ frames.exp(noise)
     wrong = replace(inputs, poses=replace(inputs.poses, base_T_gripper=turned))
-    model = find_scene(wrong, tmp_path / "sfm", Options(), silent).model
+    model = find_scene(wrong, tmp_path / "out" / "sfm", Options(), silent).model
     assert model.names == scene.model.names[:SECOND]
     assert {why for _, why in model.unregistered} == {
         "placed with 5 others, apart from the rest, but they do not move as the robot did"
