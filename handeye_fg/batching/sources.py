@@ -58,16 +58,25 @@ def fetched(place: str, folder: Path) -> str:
     return str(target)
 
 
-def put(folder: Path, place: str, last: str) -> None:
+def put(folder: Path, place: str, last: str, left_out: str) -> None:
     """Copy a folder's files to a URL, one of them at the end: where it is, all are.
+
+    Args:
+        folder: the folder.
+        place: URL of the copy.
+        last: name of the file that is copied last.
+        left_out: name of a folder in it that stays here; so do hidden files.
 
     Raises:
         InputDataError: they cannot be written.
     """
     with _translated(place):
         system, root = fsspec.core.url_to_fs(place)
+        inside = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
         files = [
-            path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+            path.as_posix()
+            for path in inside
+            if path.parts[0] != left_out and not path.name.startswith(".")
         ]
         for name in sorted(files, key=lambda name: (name == last, name)):
             target = f"{root.rstrip('/')}/{name}"

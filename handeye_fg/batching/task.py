@@ -37,6 +37,7 @@ from handeye_fg.report.page import REPORT_NAME
 
 RECORD, LOG = "batch.json", "log.txt"
 _LOCK = ".lock"
+_STAGES = "stages"  # what an interrupted calibration goes on from, on the same machine
 _POLL_S = 0.1
 _INPUTS = ("images", "model", "poses", "camera", "masks", "target")
 
@@ -110,7 +111,7 @@ def _done(job: Job, row: Row, scratch: Path, wanted: Callable[[], bool]) -> Row:
             record |= {"digest": digest, "seconds": round(time.perf_counter() - since, 3)}
             write_atomic(folder / RECORD, json.dumps(record, indent=1) + "\n")
             if sources.is_url(job.output):
-                sources.put(folder, f"{job.output}/{data.name}", RECORD)
+                sources.put(folder, f"{job.output}/{data.name}", RECORD, left_out=_STAGES)
         if record["status"] == "failed":
             return replace(row, message=str(record["message"]))
         result = load_result(folder)

@@ -45,7 +45,11 @@ def test_a_url_is_fetched_and_put(store: fsspec.AbstractFileSystem, tmp_path: Pa
     assert (images / "b.jpg").read_bytes() == b"B"
     poses = sources.fetched("memory://in/poses.csv", tmp_path)
     assert Path(poses).read_bytes() == b"P"
-    sources.put(images, "memory://out/x", "b.jpg")
+    for hidden in ("stages/database.db", ".lock"):
+        (images / hidden).parent.mkdir(exist_ok=True)
+        (images / hidden).touch()
+    sources.put(images, "memory://out/x", "b.jpg", left_out="stages")
+    assert sorted(store.find("/out")) == ["/out/x/b.jpg", "/out/x/cam0/a.jpg"]
     assert store.cat("/out/x/cam0/a.jpg") == b"A"
     assert sources.exists("memory://out/x/b.jpg")
     before = sources.signature("memory://in/images")
