@@ -20,6 +20,7 @@ from handeye_fg.io.poses.documents import (
     transform_table,
 )
 from handeye_fg.io.poses.names import check_name
+from handeye_fg.io.poses.notation import notation_of, notation_table
 from handeye_fg.io.poses.pairing import partners, time_ns
 from handeye_fg.io.poses.recognise import columns_of, split
 from handeye_fg.io.poses.rows import PoseFile, PoseRows
@@ -107,6 +108,9 @@ def _file(path: Path, source: str) -> tuple[Table, ...]:
     if is_transform_echo(text):
         return (transform_table(text, source),)
     is_yaml = path.suffix in {".yaml", ".yml"}
+    notation = None if is_yaml or path.suffix == ".json" else notation_of(text)
+    if notation is not None:
+        return (notation_table(text, source, notation),)
     if path.suffix == ".json" or (not is_yaml and text.lstrip().startswith(("{", "["))):
         return document_tables(text, source, is_json=True)
     if is_yaml or _YAML.match(text):

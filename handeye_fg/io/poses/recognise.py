@@ -64,6 +64,7 @@ def _named(tables: Sequence[Table], format_: PoseFormat) -> tuple[Table, Columns
 def _fitting(table: Table) -> list[Columns]:
     """The formats whose columns the table has and whose rotations its first rows are."""
     formats = [entry for entry in FORMATS.values() if table.header or _tells(table, entry)]
+    formats = [FORMATS[table.told]] if table.told else formats
     found = [
         by_header(table, entry) if table.header else by_shape(table, entry) for entry in formats
     ]

@@ -40,6 +40,7 @@ class Table:
         places: where each row stands, as the start of an error message.
         labels: name of each row that stands beside the cells, such as that of its file; None: none do.
         delimiter: of a text table; "" for other forms.
+        told: the one format that the form of the file leaves; "" for any.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Table:
     places: tuple[str, ...]
     labels: tuple[str, ...] | None = None
     delimiter: str = ""
+    told: str = ""
 
 
 def number(cell: str) -> float | None:

@@ -189,6 +189,19 @@ def test_files_of_poses_belong_to_the_images_with_their_names(tmp_path):
     assert rows_of(poses) == {"b.png": ord("b"), "c.png": ord("c"), "x": ord("x")}
 
 
+def test_turns_about_another_axis_than_the_first_pose(tmp_path):
+    """From the cycle of the axes on, a quarter turn about the gripper's own z."""
+    cycle = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    lines = [
+        f"{1700000000 + t / 20} {' '.join(map(str, np.column_stack([cycle @ turned(t * pi / 4), np.zeros(3)]).ravel()))}"
+        for t in (0, 2)
+    ]
+    path = tmp_path / "p.txt"
+    path.write_text("\n".join(lines))
+    (matrix,) = hf.read_poses(path, "matrix", images=images(0.05)).base_T_gripper
+    np.testing.assert_allclose(matrix[:3, :3], cycle @ turned(pi / 4), atol=1e-6)
+
+
 def test_quarter_turn_interpolates_about_its_axis(tmp_path):
     path = tmp_path / "p.tum"
     path.write_text(
