@@ -269,7 +269,7 @@ values = st.recursive(
 
 
 @settings(
-    max_examples=300, deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=300, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_any_transforms_give_poses_or_a_clean_error(
@@ -306,7 +306,7 @@ def intact(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 # COLMAP itself would read some of these without end.
 @settings(
-    max_examples=300, deadline=5000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=300, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_any_damage_gives_a_model_or_a_clean_error(

@@ -352,7 +352,7 @@ def damaged(draw: st.DrawFn) -> tuple[str, bytes]:
 
 
 @settings(
-    max_examples=700, deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=700, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     st.one_of(
