@@ -120,6 +120,11 @@ def read_arm(path: Path, tip: str, base: str | None = None) -> Arm:
 
     Raises:
         InputDataError: the file is no URDF, has no such links, or yourdfpy is not installed.
+
+    Examples:
+        >>> import handeye_fg as hf
+        >>> arm = hf.read_arm("arm.urdf", "tool0", "base_link")  # doctest: +SKIP
+        >>> plan = hf.plan_first((0.5, 0.0, 0.0), 0.4, arm)  # doctest: +SKIP
     """
     where = f"URDF {path}"
     try:

@@ -94,6 +94,18 @@ def plan(
         InputDataError: the result has no images, its reconstruction is missing, or no pose within reach sees
             the scene.
         ValueError: the count is not positive.
+
+    Examples:
+        >>> import numpy as np
+        >>> import handeye_fg as hf
+        >>> from handeye_fg.simulate import simulate_scene
+        >>> scene = simulate_scene(np.random.default_rng(3), n_images=8, n_points=60)
+        >>> result = hf.refine(scene.model, scene.robot_poses)
+        >>> found = hf.plan(result, scene.model, 2)
+        >>> found.base_T_gripper.shape
+        (2, 4, 4)
+        >>> max(found.expected[1].std_translation_mm) < max(found.present.std_translation_mm)
+        True
     """
     if not isinstance(result, Result):
         folder = Path(result)
@@ -148,6 +160,13 @@ def plan_first(
     Raises:
         InputDataError: no pose within reach sees the scene.
         ValueError: the count or the standoff is too small.
+
+    Examples:
+        >>> import handeye_fg as hf
+        >>> reach = hf.Workspace((0.1, -0.5, 0.2), (0.9, 0.5, 0.9))
+        >>> found = hf.plan_first((0.5, 0.0, 0.0), 0.4, reach, count=6)
+        >>> found.names[0], found.base_T_gripper.shape
+        ('first_001.jpg', (6, 4, 4))
     """
     if count < _FEWEST_IMAGES or standoff <= 0.0:
         raise ValueError(f"{count=} and {standoff=} but expected 3 or more, and a length")
