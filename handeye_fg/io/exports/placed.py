@@ -75,7 +75,13 @@ def placed(result: Result, options: ExportOptions) -> tuple[Placed, ...]:
             f"there are {len(chosen)} cameras, but one frame name is given for them; choose one with "
             f"the option camera ({_names(result.cameras)})"
         )
-    return tuple(_placed(report, result.setup, options) for report in chosen)
+    cameras = tuple(_placed(report, result.setup, options) for report in chosen)
+    if len({camera.child for camera in cameras}) < len(cameras):
+        raise InputDataError(
+            f"two of the cameras {_names(result.cameras)} would have one frame name; choose one with the option "
+            "camera, and name its frame"
+        )
+    return cameras
 
 
 def chosen_cameras(result: Result, name: str) -> tuple[Result | CameraReport, ...]:

@@ -396,6 +396,11 @@ def test_several_cameras() -> None:
         ("cam1", result.cameras[1].camera.params[0]),
     }
     assert len(json.loads(export_text(result, "nerfstudio", chosen))["frames"]) == 8
+    alike = [
+        replace(report, name=f"a{mark}b") for report, mark in zip(result.cameras, " _", strict=True)
+    ]
+    with pytest.raises(hf.InputDataError, match="would have one frame name"):
+        export_text(replace(result, cameras=tuple(alike)), "urdf")
     with pytest.raises(hf.InputDataError, match="one frame name is given for them"):
         export_text(result, "urdf", hf.ExportOptions(camera_frame="eye"))
     with pytest.raises(
