@@ -33,7 +33,9 @@ def columns_of(tables: Sequence[Table], options: PoseFileOptions) -> tuple[Table
     """
     if options.format != "auto":
         table, columns = _named(tables, FORMATS[options.format])
-        return table, _as_told(columns, table, options)
+        told = _as_told(columns, table, options)
+        _require_plausible(told, table, options)
+        return table, told
     for table in tables:
         fitting = _fitting(table)
         different = {meaning(columns): columns for columns in _likeliest_last(table, fitting)}
@@ -190,15 +192,15 @@ def told_convention(
 
 
 def _require_plausible(columns: Columns, table: Table, options: PoseFileOptions) -> None:
-    """Refuse units that are only the recognised format's custom and do not suit the numbers."""
+    """Refuse units that are only the format's custom and do not suit the numbers."""
     convention = columns.convention
     positions, rotations = split(table, columns)
     middle = float(np.median(np.linalg.norm(positions, axis=1)))
     known = options.units != "auto" or columns.stated[0]
     if convention.unit == "mm" and not known and middle < _NEAR:
         raise InputDataError(
-            f"{table.source}: recognised as {columns.format.title}, which has millimetres, but the middle"
-            f" distance from the base is {middle:.3g}; say which unit it is with --units m or --units mm"
+            f"{table.source}: {columns.format.title} has millimetres, but the middle distance from the base is"
+            f" {middle:.3g}; say which unit it is with --units m or --units mm"
         )
     known = options.angles != "auto" or columns.stated[1]
     if (
@@ -209,7 +211,7 @@ def _require_plausible(columns: Columns, table: Table, options: PoseFileOptions)
         and np.abs(rotations).max() <= 2.0 * np.pi
     ):
         raise InputDataError(
-            f"{table.source}: recognised as {columns.format.title}, which has degrees, but no angle is above"
+            f"{table.source}: {columns.format.title} has degrees, but no angle is above"
             f" {np.abs(rotations).max():.3g}; say which unit they have with --angles deg or --angles rad"
         )
 

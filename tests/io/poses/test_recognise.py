@@ -84,8 +84,11 @@ def test_named_quaternions_are_read_by_name_in_any_order(tmp_path):
     ],
 )
 def test_units_that_do_not_suit_the_numbers_are_asked_for(tmp_path, lines, message):
-    with pytest.raises(InputDataError, match=message):
-        hf.read_poses(written(tmp_path, *lines))
+    path = written(tmp_path, *lines)
+    for format_ in ("auto", "abb" if "q1" in lines[0] else "fanuc"):
+        with pytest.raises(InputDataError, match=message):
+            hf.read_poses(path, format_)
+        hf.read_poses(path, format_, units="mm", angles="deg")  # if it is so
 
 
 def test_units_in_the_header_count(tmp_path):

@@ -49,12 +49,11 @@ def options_of(name: str, **known) -> PoseFileOptions:
 def test_what_is_written_is_read(tmp_path_factory, name: str, data: st.DataObject) -> None:
     known = data.draw(
         st.fixed_dictionaries(
-            {},
-            optional={
+            {
                 "units": st.sampled_from(["m", "mm"]),
                 "angles": st.sampled_from(["rad", "deg"]),
                 "inverted": st.booleans(),
-            },
+            }
         )
     )
     if FORMATS[name].key == "image":
