@@ -440,9 +440,16 @@ class Options:
     images, in metres: distance a.jpg b.jpg 0.250 0.0001. How right the camera file is: intrinsics
     FOCAL_PERCENT CENTRE_PX. For poses or a model that exist already, the unit
     of their world: scale METRES_PER_WORLD_UNIT STD."""
+    holdout: float = 0.0
+    """Part of the robot poses (such as 0.2) that is kept out of X, and predicted by it in the end: a proof
+    of X and its uncertainty on data that it has not seen."""
     poses: Annotated[PoseFileOptions, tyro.conf.arg(name="")] = field(
         default_factory=PoseFileOptions
     )
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.holdout <= 0.5:
+            raise ValueError(f"holdout is {self.holdout}, but must be between 0 and 0.5")

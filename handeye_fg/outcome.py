@@ -13,6 +13,7 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.config import options_digest
+from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options
 from handeye_fg.scene import Scene
@@ -38,6 +39,9 @@ _STATIC: Mapping[Setup, str] = {
 }
 # Images without pose that the message names; the list of images has all.
 _MOST_NAMED = 5
+_HELD_OUT = "its robot pose was kept out of X, as --holdout asks for, and predicted by it"
+# A proof that fails by chance this seldom has failed.
+_FALSE_ALARM = 0.01
 _LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
 
 
@@ -106,6 +110,7 @@ def assemble(
         ),
         target=_target(scene, view),
         second_start=final.second_start,
+        holdout=_holdout(model, final),
         cameras=_cameras(model, view) if len(model.cameras) > 1 or _missing(inputs, model) else (),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
@@ -151,6 +156,7 @@ def _images(
     base_T_camera, moving = final.base_T_camera, setup == "eye-to-hand"
     if moving:  # the cameras stand still: X is the pose in every image
         base_T_camera = final.state.gripper_T_cameras[final.state.rig.camera]
+    held = ~(final.used | final.outliers)
     reports = [
         ImageReport(
             name=name,
@@ -163,7 +169,7 @@ def _images(
             w_test=_known(final.w_test[pose]),
             influence_rotation=_known(np.linalg.norm(final.influence[pose, :3])),
             influence_translation=_known(np.linalg.norm(final.influence[pose, 3:])),
-            reason=_LEFT_OUT if final.outliers[pose] else "",
+            reason=_LEFT_OUT if final.outliers[pose] else _HELD_OUT if held[pose] else "",
             gripper_T_camera=final.base_T_camera[i] if moving else None,
         )
         for i, (name, pose) in enumerate(zip(model.names, final.state.rig.pose, strict=True))
@@ -171,6 +177,51 @@ def _images(
     without = (*model.unregistered, *inputs.unusable, *inputs.left_out)
     reports += [ImageReport(name=name, registered=False, reason=reason) for name, reason in without]
     return tuple(sorted(reports, key=lambda report: report.name))
+
+
+def _holdout(model: SfmModel, final: Refinement) -> HoldoutReport | None:
+    """How X predicts the robot poses that were kept out of it."""
+    found = final.held_out
+    if found is None:
+        return None
+    lengths = np.linalg.norm(found.errors.reshape(-1, 2, 3), axis=2)
+    place = {pose: k for k, pose in enumerate(found.poses.tolist())}
+    rotation, translation = np.sqrt(np.mean(lengths**2, axis=0)).tolist()
+    return HoldoutReport(
+        images=tuple(
+            HeldOutImage(
+                name=name,
+                rotation=float(lengths[place[pose], 0]),
+                translation=float(lengths[place[pose], 1]),
+                reprojection_rms=_known(found.reprojection_rms[pose]),
+            )
+            for name, pose in zip(model.names, final.state.rig.pose.tolist(), strict=True)
+            if pose in place
+        ),
+        rotation=rotation,
+        translation=translation,
+        expected_rotation=float(found.expected[0]),
+        expected_translation=float(found.expected[1]),
+        normalised=found.normalised,
+        probability=found.probability,
+    )
+
+
+def _proof(found: HoldoutReport) -> str:
+    """What the held-out poses prove, in words."""
+    pixels = found.reprojection_rms
+    seen = "" if pixels is None else f", which moves points by {_plain(pixels)} px"
+    verdict = (
+        "as the uncertainty lets expect"
+        if found.probability >= _FALSE_ALARM
+        else "more than the uncertainty explains: it is too small, or these poses are wrong"
+    )
+    return (
+        f"X predicts the robot poses of {len(found.images)} images that were kept out of it to "
+        f"{np.rad2deg(found.rotation):.2g} deg and {1e3 * found.translation:.2g} mm{seen}; "
+        f"{np.rad2deg(found.expected_rotation):.2g} deg and {1e3 * found.expected_translation:.2g} mm are to be "
+        f"expected: {verdict} (p = {found.probability:.2g})."
+    )
 
 
 def _known(value: float | np.floating[Any]) -> float | None:
@@ -299,6 +350,8 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
             parts.append(_confounded(one.focal_offset, k if len(view.intrinsics) > 1 else None))
     if not final.converged:
         parts.append("The refinement stopped at its limit of iterations before it converged.")
+    if (proof := _holdout(model, final)) is not None:
+        parts.append(_proof(proof))
     if final.second_start is not None:
         parts += _told(final.second_start)
     guessed = [name for name, level in final.level_certainties.items() if level.source == "prior"]

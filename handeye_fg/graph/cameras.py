@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.graph.freed import Freed, focal_offset, freed, other, refined
+from handeye_fg.graph.holdout import chosen
 from handeye_fg.graph.known import Known, of_model
 from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import refine, start_state
@@ -140,6 +142,12 @@ class _Call:
         return of_model(self.options.priors, self.model, self.rig)
 
     @property
+    def held(self) -> NDArray[np.bool_] | None:
+        """Which robot poses are kept out."""
+        share = self.options.holdout
+        return chosen(self.base_T_gripper, share, self.options.seed) if share > 0.0 else None
+
+    @property
     def of_file(self) -> CameraPrior | None:
         """What the user says of the camera file."""
         found = [prior for prior in self.options.priors if isinstance(prior, CameraPrior)]
@@ -183,6 +191,7 @@ class _Call:
             priors=self.priors,
             inverted=self.inverted,
             trusted=self.linear.trusted,
+            held=self.held,
         )
         intrinsics = self._kept(final, given, beliefs)
         for k, note in notes.items():

@@ -131,7 +131,7 @@ def freed(
         priors,
         known,
         others,
-        ~kept.outliers,
+        kept.used,
         inverted=inverted,
     )
     linearised = problem.linearised(state)

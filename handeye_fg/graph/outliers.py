@@ -23,7 +23,11 @@ _CLEAR = 0.5
 
 
 def agreeing(
-    linearised: Linearised, solution: Solution, trusted: Poses, options: NoiseOptions
+    linearised: Linearised,
+    solution: Solution,
+    trusted: Poses,
+    options: NoiseOptions,
+    held: Poses | None = None,
 ) -> tuple[Poses, Solution]:
     """Which of the poses (n,) agree, and the solution with these.
 
@@ -37,19 +41,21 @@ def agreeing(
         solution: its solution.
         trusted: (n,) the poses that are used so far.
         options: the noise levels that the user knows.
+        held: (n,) poses that are never used; None: there are none.
     """
-    trusted, solution = _core(linearised, solution, trusted, options)
+    allowed_in = np.ones(len(trusted), dtype=bool) if held is None else ~held
+    trusted, solution = _core(linearised, solution, trusted, options, allowed_in)
     level = _FALSE_ALARM / len(trusted)
-    allowed = int(_MOST * len(trusted))
+    allowed = int(_MOST * np.count_nonzero(allowed_in))
     for _ in range(2 * len(trusted)):  # in case two sets follow each other for ever
         lengths = deletions(linearised, solution, trusted).lengths
-        fails = _fails(lengths, solution, level)
-        if (~trusted & ~fails).any():
-            trusted = trusted | ~fails
+        fits = ~_fails(lengths, solution, level) & allowed_in
+        if (~trusted & fits).any():
+            trusted = trusted | fits
             solution = estimate_noise(linearised.using(trusted), solution.noise, options)
             continue
         worst = _suspect(lengths, solution, trusted, level)
-        if worst is None or np.count_nonzero(~trusted) >= allowed:
+        if worst is None or np.count_nonzero(allowed_in & ~trusted) >= allowed:
             break
         rest = trusted.copy()
         rest[worst] = False
@@ -61,10 +67,15 @@ def agreeing(
 
 
 def _core(
-    linearised: Linearised, solution: Solution, trusted: Poses, options: NoiseOptions
+    linearised: Linearised,
+    solution: Solution,
+    trusted: Poses,
+    options: NoiseOptions,
+    allowed_in: Poses,
 ) -> tuple[Poses, Solution]:
     """Trusted poses whose residuals are typical of the majority of them."""
-    fewest = len(trusted) - int(_MOST * len(trusted))
+    n = np.count_nonzero(allowed_in)
+    fewest = n - int(_MOST * n)
     for _ in range(_ROUNDS):
         lengths = deletions(linearised, solution, trusted).lengths
         typical = np.median(np.nan_to_num(lengths[trusted]), axis=0) / _MEDIAN

@@ -10,6 +10,7 @@ from handeye_fg.errors import ConvergenceError
 from handeye_fg.frames import Array
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.determined import determined
+from handeye_fg.graph.holdout import held_out
 from handeye_fg.graph.known import Known
 from handeye_fg.graph.measurements import Gauge
 from handeye_fg.graph.mismatches import Kept, without_mismatches
@@ -225,6 +226,7 @@ def refine(
     frame: str = "gripper",
     inverted: bool = False,
     trusted: NDArray[np.bool_] | None = None,
+    held: NDArray[np.bool_] | None = None,
 ) -> Refinement:
     """Refine everything together and estimate the noise levels with it.
 
@@ -243,6 +245,7 @@ def refine(
         inverted: the robot poses are gripper_T_base; noise and residuals are those of base_T_gripper.
         trusted: (n,) which robot poses are believed at first; None: all. In the end every pose is
             judged by the others.
+        held: (n,) which robot poses are kept out of everything, and predicted in the end; None: none.
 
     Raises:
         ReconstructionError: too few observations are left.
@@ -252,6 +255,7 @@ def refine(
     scales = np.ones(len(model.tracks.pixels))
     n_known = 0 if known is None else len(known.points_world)
     believed = np.ones(len(base_T_gripper), dtype=bool) if trusted is None else trusted
+    believed = believed if held is None else believed & ~held
 
     def build(kept: Kept, used: NDArray[np.bool_]) -> Problem:
         return make_problem(
@@ -265,7 +269,15 @@ def refine(
         kept = without_mismatches(seen, model.tracks, scales, n_known)
         kept = replace(kept, state=replace(start, points_world=kept.state.points_world))
         kept, problem, fit = _optimum(
-            build, kept, n_known, believed, noise, options.max_iterations, progress, iterations
+            build,
+            kept,
+            n_known,
+            believed,
+            held,
+            noise,
+            options.max_iterations,
+            progress,
+            iterations,
         )
         iterations = fit.iterations
         result = summarise(
@@ -282,6 +294,17 @@ def refine(
             converged=fit.converged,
             frame=frame,
         )
+        if held is not None:
+            predicted = held_out(
+                held,
+                fit.linearised,
+                fit.solution,
+                fit.state,
+                kept.tracks,
+                base_T_gripper,
+                result.residuals,
+            )
+            result = replace(result, outliers=result.outliers & ~held, held_out=predicted)
         second, better = second_start(problem, fit.state, result.noise, result.observability, start)
         result = replace(result, second_start=replace(second, restarted=restarts > 0))
         if better is None or restarts == _MOST_RESTARTS:
@@ -295,6 +318,7 @@ def _optimum(
     kept: Kept,
     n_known: int,
     used: NDArray[np.bool_],
+    held: NDArray[np.bool_] | None,
     noise: NoiseOptions,
     limit: int,
     progress: Progress,
@@ -307,6 +331,7 @@ def _optimum(
         kept: the start and the observations.
         n_known: number of known points.
         used: (n,) robot poses that are believed at first.
+        held: (n,) those that are never used; None: there are none.
         noise: the levels that the user knows.
         limit: of iterations, in each round.
         progress: told the number of iterations.
@@ -318,7 +343,7 @@ def _optimum(
     last, inflated = False, 1.0
     for rounds_left in reversed(range(_MOST_ROUNDS)):
         fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
-        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
         # Mismatches that hid behind a wrong start, or behind others, show now.
         left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
         gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
@@ -333,7 +358,7 @@ def _optimum(
         last = gone < _FEW
     fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, done)
     for _ in range(_MOST_SETS):
-        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
         if np.array_equal(used, problem.trusted):
             break
         problem, levels = replace(problem, trusted=used), solution.noise

@@ -12,6 +12,7 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.arm import ArmErrors, arm_errors
 from handeye_fg.graph.deletion import deletions
 from handeye_fg.graph.determined import determined, spread
+from handeye_fg.graph.holdout import HeldOut
 from handeye_fg.graph.levels import level_certainties
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Layout, Linearised
@@ -71,6 +72,7 @@ class Refinement:
         iterations: of the optimiser, in all rounds.
         converged: whether the last round did.
         second_start: whether another start leads to the same optimum; None: not tried.
+        held_out: how well X predicts the robot poses that were kept out of it; None: there are none.
     """
 
     state: State
@@ -100,6 +102,15 @@ class Refinement:
     iterations: int
     converged: bool
     second_start: SecondStart | None = None
+    held_out: HeldOut | None = None
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which robot poses (r,) X rests on."""
+        used = ~self.outliers
+        if self.held_out is not None:
+            used[self.held_out.poses] = False
+        return used
 
     @property
     def intrinsics_covariances(self) -> tuple[Array, ...]:

@@ -10,6 +10,7 @@ from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.certainty import read_certainty
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
+from handeye_fg.io.holdout import read_holdout
 from handeye_fg.io.other_intrinsics import read_offset, read_other
 from handeye_fg.io.results import (
     FILE_NAME,
@@ -129,6 +130,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             second_start=_second_start(fields.mapping("second_start"))
             if "second_start" in fields.values
             else None,
+            holdout=read_holdout(fields.mapping("holdout")) if "holdout" in fields.values else None,
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),

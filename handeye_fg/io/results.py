@@ -27,6 +27,7 @@ from handeye_fg.io.camera_results import (
 from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
+from handeye_fg.io.holdout import HoldoutReport, holdout_document
 from handeye_fg.types import (
     CameraModel,
     FocalOffset,
@@ -176,6 +177,7 @@ class Result:
         target: what a known target gave; None without target.
         second_start: whether another start of the refinement leads to the same optimum; None where
             there was no refinement.
+        holdout: how X predicts robot poses that were kept out of it; None where none were.
         certainty: intervals of X, scale and noise levels; None where there was no refinement.
         cameras: one entry for each of several cameras, the first of which has the figures above; empty
             for one camera.
@@ -205,6 +207,7 @@ class Result:
     sfm: SfmSummary | None = None
     target: TargetSummary | None = None
     second_start: SecondStart | None = None
+    holdout: HoldoutReport | None = None
     certainty: CertaintyReport | None = None
     cameras: tuple[CameraReport, ...] = ()
 
@@ -304,6 +307,7 @@ def to_document(result: Result) -> Document:
         **({"cameras": cameras_document(result.cameras, parent)} if result.cameras else {}),
         **({} if result.target is None else {"target": _target_document(result.target)}),
         **_second_start_document(result.second_start),
+        **({} if result.holdout is None else {"holdout": holdout_document(result.holdout)}),
         **_certainty(result),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},

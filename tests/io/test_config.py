@@ -57,7 +57,10 @@ def valid(hint: Any) -> st.SearchStrategy[Any]:
         names = st.permutations(["a.jpg", "b/ä.jpg", 'c"\\.jpg'])
         return st.builds(DistancePrior, names.map(lambda n: tuple(n[:2])), POSITIVE, POSITIVE)
     if is_dataclass(hint) and isinstance(hint, type):
-        return st.builds(hint, **{k: valid(v) for k, v in get_type_hints(hint).items()})
+        given = {k: valid(v) for k, v in get_type_hints(hint).items()}
+        if hint is Options:
+            given["holdout"] = st.floats(0.0, 0.5)
+        return st.builds(hint, **given)
     if get_origin(hint) in (Union, UnionType):
         return st.one_of(*map(valid, get_args(hint)))
     if get_origin(hint) is tuple:
