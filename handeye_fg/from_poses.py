@@ -26,7 +26,9 @@ from handeye_fg.options import (
     PoseFileOptions,
     RobotNoise,
     ScalePrior,
+    TaskOptions,
 )
+from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.pose_outcome import Answer, digest, message, row_reports
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
@@ -80,6 +82,7 @@ def solve(
     robot_file: PoseFileOptions | None = None,
     camera_file: PoseFileOptions | None = None,
     seed: int = 0,
+    task: TaskOptions | None = None,
 ) -> Result:
     """Find the pose of a camera on a robot arm from poses of the robot and of the camera.
 
@@ -113,6 +116,7 @@ def solve(
             where they have no names: by time, interpolated, or, if asked for, by order.
         camera_file: how a file of the camera's poses is to be read.
         seed: of the samples that tell wrong rows from right ones.
+        task: what the calibration is for; None: nobody said.
 
     Returns:
         The result; where the motions leave directions free, what they determine of X ("partial").
@@ -194,6 +198,7 @@ def solve(
         base_T_world=answer.base_T_world,
         noise=answer.noise,
         initial=answer.start,
+        accuracy=_accuracy(answer, task or TaskOptions()),
         images=row_reports(pairs, answer, setup),
         observability={
             "weakest_std_over_limit": observability.weakest_std,
@@ -208,6 +213,19 @@ def solve(
             "input_digest": digest(pairs),
             "seed": seed,
         },
+    )
+
+
+def _accuracy(answer: Answer, task: TaskOptions) -> Accuracy | None:
+    """The error that X causes at the work; None where X has free directions."""
+    if answer.observability.free_directions:
+        return None
+    return accuracy(
+        answer.gripper_T_camera,
+        answer.observability.covariance,
+        answer.figures.get("degrees_of_freedom", math.inf),
+        None if task.distance_mm is None else 1e-3 * task.distance_mm,
+        None if task.tolerance_mm is None else 1e-3 * task.tolerance_mm,
     )
 
 

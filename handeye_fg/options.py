@@ -425,6 +425,23 @@ Priors = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TaskOptions:
+    """What the calibration is for; it decides the verdict, not X."""
+
+    tolerance_mm: float | None = None
+    """How far off, in millimetres, a point that the camera sees may end up in the gripper's frame (the
+    base's, for eye-to-hand)."""
+    distance_mm: float | None = None
+    """How far in front of the camera the work is, in millimetres; left out: the median distance of the scene."""
+
+    def __post_init__(self) -> None:
+        for name in fields(self):
+            value = getattr(self, name.name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ValueError(f"task.{name.name} is {value}, but must be a positive number")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """Everything that changes a calibration, beside its input files."""
 
@@ -449,6 +466,7 @@ class Options:
     sfm: SfmOptions = field(default_factory=SfmOptions)
     noise: NoiseOptions = field(default_factory=NoiseOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)
+    task: TaskOptions = field(default_factory=TaskOptions)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.holdout <= 0.5:

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
-from handeye_fg.graph import Refinement, View, corner_fit
+from handeye_fg.graph import Refinement, View, corner_fit, median_depth
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.config import options_digest
 from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
-from handeye_fg.options import Options
+from handeye_fg.options import Options, TaskOptions
+from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.scene import Scene
 from handeye_fg.types import (
     FocalOffset,
@@ -112,6 +113,7 @@ def assemble(
         second_start=final.second_start,
         holdout=_holdout(model, final),
         cameras=_cameras(model, view) if len(model.cameras) > 1 or _missing(inputs, model) else (),
+        accuracy=_accuracy(final, options.task),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
@@ -131,6 +133,20 @@ def assemble(
         },
     )
     return replace(result, certainty=_certainty(result, final))
+
+
+def _accuracy(final: Refinement, task: TaskOptions) -> Accuracy | None:
+    """The error that X causes at the work; None where X has free directions."""
+    found, given = final.observability, task.distance_mm
+    if found.free_directions:
+        return None
+    return accuracy(
+        final.state.gripper_T_camera,
+        found.covariance,
+        final.degrees_of_freedom,
+        median_depth(final) if given is None else 1e-3 * given,
+        None if task.tolerance_mm is None else 1e-3 * task.tolerance_mm,
+    )
 
 
 def _certainty(result: Result, final: Refinement) -> CertaintyReport:

@@ -10,7 +10,15 @@ import tyro
 
 from handeye_fg.commands.outcome import failure_as_json, told, written
 from handeye_fg.console import stderr_console
-from handeye_fg.options import CameraNoise, MethodName, PoseFileOptions, Priors, RobotNoise, Setup
+from handeye_fg.options import (
+    CameraNoise,
+    MethodName,
+    PoseFileOptions,
+    Priors,
+    RobotNoise,
+    Setup,
+    TaskOptions,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +53,7 @@ class Solve:
         default_factory=PoseFileOptions
     )
     camera_file: PoseFileOptions = field(default_factory=PoseFileOptions)
+    task: TaskOptions = field(default_factory=TaskOptions)
     seed: int = 0
     """Seed of everything random."""
     output: Path = Path("handeye-fg-out")
@@ -72,6 +81,7 @@ class Solve:
                 robot_file=self.robot_file,
                 camera_file=self.camera_file,
                 seed=self.seed,
+                task=self.task,
             )
         report = written(result, self.output)
         return told(result, report, stderr_console(), json=self.json, quiet=self.quiet)

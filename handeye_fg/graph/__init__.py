@@ -7,13 +7,14 @@ have a prior.
 from handeye_fg.graph.cameras import View, refine_views
 from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import refine, start_state
-from handeye_fg.graph.summary import Refinement, corner_fit
+from handeye_fg.graph.summary import Refinement, corner_fit, median_depth
 
 __all__ = [
     "IntrinsicsPrior",
     "Refinement",
     "View",
     "corner_fit",
+    "median_depth",
     "refine",
     "refine_views",
     "start_state",

@@ -140,6 +140,14 @@ def pose_residuals(predicted: Array, reported: Array, *, inverted: bool) -> Arra
     return frames.log(frames.inverse(reported) @ predicted)
 
 
+def median_depth(final: Refinement) -> float:
+    """Of the scene's points, as the cameras see them, metres."""
+    points = final.state.points_world[final.tracks.point_index]
+    poses = image_poses(final.state)[final.tracks.image_index]
+    depths = np.einsum("mi,mi->m", points - poses[:, :3, 3], poses[:, :3, 2])
+    return float(np.exp(final.state.log_scale) * np.median(depths))
+
+
 def corner_fit(final: Refinement, n_known: int) -> tuple[int, float]:
     """Observed corners of a target that were used, and the root mean square of their errors, pixels."""
     corners = final.tracks.point_index < n_known

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.io.accuracy import read_accuracy
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.certainty import read_certainty
 from handeye_fg.io.fields import Fields, finite, reason, shown
@@ -131,6 +132,9 @@ def from_document(document: object, where: str = "result document") -> Result:
             if "second_start" in fields.values
             else None,
             holdout=read_holdout(fields.mapping("holdout")) if "holdout" in fields.values else None,
+            accuracy=read_accuracy(fields.mapping("accuracy"))
+            if "accuracy" in fields.values
+            else None,
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),

@@ -16,6 +16,7 @@ from typing import Literal, cast
 
 from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array
+from handeye_fg.io.accuracy import accuracy_document
 from handeye_fg.io.camera_results import (
     CameraReport,
     Document,
@@ -28,6 +29,7 @@ from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.holdout import HoldoutReport, holdout_document
+from handeye_fg.point_errors import Accuracy
 from handeye_fg.types import (
     CameraModel,
     FocalOffset,
@@ -181,6 +183,8 @@ class Result:
         certainty: intervals of X, scale and noise levels; None where there was no refinement.
         cameras: one entry for each of several cameras, the first of which has the figures above; empty
             for one camera.
+        accuracy: the error that X causes at the tool and over the distance; None where X has free
+            directions, or no covariance.
     """
 
     status: Status
@@ -210,6 +214,7 @@ class Result:
     holdout: HoldoutReport | None = None
     certainty: CertaintyReport | None = None
     cameras: tuple[CameraReport, ...] = ()
+    accuracy: Accuracy | None = None
 
     def __post_init__(self) -> None:
         set_pose(self, "matrix")
@@ -309,6 +314,7 @@ def to_document(result: Result) -> Document:
         **_second_start_document(result.second_start),
         **({} if result.holdout is None else {"holdout": holdout_document(result.holdout)}),
         **_certainty(result),
+        **({} if result.accuracy is None else {"accuracy": accuracy_document(result.accuracy)}),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),

@@ -29,8 +29,7 @@ from handeye_fg.report.figures import drawings
 from handeye_fg.types import LevelCertainty
 
 REPORT_NAME = "report.html"
-# Two-sided 95 % point of the normal distribution.from handeye_fg.types import LevelCertainty
-
+# Two-sided 95 % point of the normal distribution.
 _NORMAL_95 = 1.959964
 
 
@@ -98,6 +97,9 @@ def _context(result: Result) -> dict[str, object]:
     return {
         "ok": result.status == "ok",
         "message": result.message,
+        "verdict": wording.verdict(result),
+        "advice": wording.advice(result),
+        "accuracy": _accuracy(result),
         "name": wording.transform_name(result),
         "parent": parent_frame(result.setup),
         "setup": result.setup,
@@ -143,6 +145,25 @@ def _context(result: Result) -> dict[str, object]:
         "timing": _pairs(result.timing_s, 1),
         "provenance": [(key, str(value)) for key, value in sorted(result.provenance.items())],
     }
+
+
+def _accuracy(result: Result) -> list[dict[str, object]]:
+    """The error that X causes at the tool and over the distance."""
+    found = result.accuracy
+    if found is None:
+        return []
+    places = [(f"at the {parent_frame(result.setup)}'s origin", found.tool)]
+    places += [("on the optical axis", error) for error in found.along_axis]
+    return [
+        {
+            "place": place,
+            "distance": wording.number(1e3 * error.distance, 0),
+            "std": wording.numbers(1e3 * np.sqrt(np.diag(error.covariance))),
+            "within": wording.number(1e3 * error.within_95),
+            "work": error is found.at_work,
+        }
+        for place, error in places
+    ]
 
 
 def _half_widths(

@@ -35,6 +35,7 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
     lines = [
         wording.printable(result.message),
+        *filter(None, (wording.verdict(result), wording.advice(result))),
         "",
         f"X = {name}",
         *matrix_lines(result.matrix),

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from handeye_fg import frames
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.point_errors import accuracy
 from handeye_fg.types import (
     CameraModel,
     FocalOffset,
@@ -138,6 +139,8 @@ def make_result(**changes: Any) -> Result:
         "timing_s": {"sfm": 41.2, "start": 0.1, "refinement": 6.4},
         "provenance": {"handeye_fg": "0.1.0", "options_digest": "1f0c", "seed": 0},
     }
+    if changes.get("status", "ok") == "ok" and changes.get("covariance", X) is not None:
+        fields["accuracy"] = accuracy(X, fields["covariance"], 12.0, 0.4)
     return Result(**(fields | changes))
 
 

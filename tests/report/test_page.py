@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.results import Result
-from handeye_fg.report import summary_text, write_report
+from handeye_fg.report import summary_text, wording, write_report
 from handeye_fg.report.page import render
 from handeye_fg.report.wording import printable
 from handeye_fg.types import FreeDirection, SecondStart
@@ -121,7 +122,8 @@ def test_figures_have_descriptions_and_follow_the_theme(result: Result) -> None:
 def test_page_says_what_a_person_needs(result: Result) -> None:
     text = " ".join(render(result).split())
     for words in (
-        "OK.</span> All six components of X are determined.",
+        "OK.</span> <strong>Usable for 2 mm tasks at 400 mm from the camera: 95 % of the points",
+        "<p>All six components of X are determined.",
         "Put a point given in camera coordinates into gripper coordinates: p_gripper =",
         "p_gripper = gripper_T_camera p_camera; the point 0.5 m in front of the camera",
         "right perturbation in the camera frame",
@@ -284,3 +286,33 @@ def test_what_the_intervals_rest_on_is_told(result: Result) -> None:
     assert "± 0.0630" in page  # 1.1e-3 rad
     without = render(replace(result, certainty=None))
     assert "1.96 standard deviations" in without
+
+
+def test_the_verdict_is_about_the_task(result: Result) -> None:
+    """Within the tolerance, out of it, and the smallest usual one where none was given."""
+    found = result.accuracy
+    assert found is not None
+    radius = found.at_work.within_95
+    for tolerance, words in (
+        (None, "Usable for"),
+        (2.0 * radius, "Usable for the tolerance"),
+        (0.5 * radius, "Not good enough"),
+    ):
+        one = dataclasses.replace(result, accuracy=dataclasses.replace(found, tolerance=tolerance))
+        page, text = render(one), summary_text(one)
+        assert words in page
+        assert words in text
+        assert str(escape(wording.advice(one))) in page
+        assert bool(wording.advice(one)) == (words == "Not good enough")
+    assert "Usable" not in render(dataclasses.replace(result, accuracy=None))
+
+
+def test_the_advice_names_how_many_images_would_do(result: Result) -> None:
+    """Four times as many for half the error; where the arm is to blame, none."""
+    found = result.accuracy
+    assert found is not None
+    narrow = dataclasses.replace(found, tolerance=0.5 * found.at_work.within_95)
+    one = dataclasses.replace(result, accuracy=narrow)
+    assert "arm's own errors" in wording.advice(one)
+    white = dataclasses.replace(one, certainty=None)
+    assert "about 64 like these" in wording.advice(white)
