@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
 from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
 from handeye_fg.options import Options, TaskOptions
 from handeye_fg.point_errors import Accuracy, accuracy
+from handeye_fg.refined_scene import refined_scene
 from handeye_fg.scene import Scene
 from handeye_fg.types import (
     FocalOffset,
@@ -114,6 +116,13 @@ def assemble(
         holdout=_holdout(model, final),
         cameras=_cameras(model, view) if len(model.cameras) > 1 or _missing(inputs, model) else (),
         accuracy=_accuracy(final, options.task),
+        scene=refined_scene(
+            final,
+            model.names,
+            linear.gripper_T_camera,
+            0 if scene.known is None else len(scene.known.points_world),
+            None if inputs.images == Path() else inputs.images,
+        ),
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),

@@ -7,6 +7,7 @@ have a prior.
 from handeye_fg.graph.cameras import View, refine_views
 from handeye_fg.graph.problem import IntrinsicsPrior
 from handeye_fg.graph.refine import refine, start_state
+from handeye_fg.graph.reprojection import reprojection_errors
 from handeye_fg.graph.summary import Refinement, corner_fit, median_depth
 
 __all__ = [
@@ -17,5 +18,6 @@ __all__ = [
     "median_depth",
     "refine",
     "refine_views",
+    "reprojection_errors",
     "start_state",
 ]

@@ -98,13 +98,16 @@ def _first_noise(kept: Kept, residuals: Array, *, with_corners: bool) -> NoiseLe
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fit:
-    """An optimum with noise levels that agree with it; ``linearised`` one small last step before it."""
+    """An optimum with noise levels that agree with it; ``linearised`` one small last step before it.
+
+    ``path``: the first camera's X (4, 4) after each step so far.
+    """
 
     state: State
     linearised_at: State
     linearised: Linearised
     solution: Solution
-    iterations: int
+    path: tuple[Array, ...]
     converged: bool
 
 
@@ -116,14 +119,14 @@ def _fitted(
     tolerance: float,
     max_iterations: int,
     progress: Progress,
-    done: int = 0,
+    path: tuple[Array, ...] = (),
 ) -> _Fit:
     """Optimise, and find the noise levels of each linearised problem before its step.
 
     Along directions that the data leave free X stays where it starts: noise, which bends the cost a
     little, would otherwise carry it away, and the linearisation with it.
     """
-    state, linearised, iterations = start, problem.linearised(start), 0
+    state, linearised, steps = start, problem.linearised(start), list(path)
     while True:
         bare = replace(linearised, held=None)
         solution = estimate_noise(bare, levels, noise)
@@ -134,12 +137,12 @@ def _fitted(
         if linearised.held is not None:
             solution = estimate_noise(linearised, solution.noise, noise)
         levels, converged = solution.noise, False
-        if iterations < max_iterations:
+        if len(steps) - len(path) < max_iterations:
             expected = cost(linearised, levels) - solution.decrease
             enough = tolerance * max(expected, _LEAST_COST)
             moved, found = _stepped(problem, state, linearised, solution, expected, enough)
-            iterations += 1
-            progress("iterations", done + iterations, None)
+            steps.append(moved.gripper_T_camera)
+            progress("iterations", len(steps), None)
             # A Hessian that is wrong by a part q along the step makes q times the decrease of the
             # difference, and leaves q^2 times it to the next step.
             converged = abs(found - expected) <= enough
@@ -153,7 +156,7 @@ def _fitted(
             linearised_at=state,
             linearised=linearised,
             solution=solution,
-            iterations=done + iterations,
+            path=tuple(steps),
             converged=converged,
         )
 
@@ -262,7 +265,8 @@ def refine(
             kept, base_T_gripper, gauge, intrinsics, known, priors, used, inverted=inverted
         )
 
-    iterations, restarts = 0, 0
+    path: tuple[Array, ...] = ()
+    restarts = 0
     while True:
         # Structure from motion placed each image by itself, which is where its mismatches show.
         seen = start if is_plain(start.rig) else apart(start, model.world_T_camera)
@@ -278,8 +282,16 @@ def refine(
             options.max_iterations,
             progress,
             iterations,
+            build,
+            kept,
+            n_known,
+            believed,
+            noise,
+            options.max_iterations,
+            progress,
+            path,
         )
-        iterations = fit.iterations
+        path = fit.path
         result = summarise(
             model,
             kept.tracks,
@@ -290,7 +302,7 @@ def refine(
             robot_residuals(fit.state, base_T_gripper, inverted=inverted),
             problem.trusted,
             noise,
-            iterations=iterations,
+            path=np.array(path).reshape(-1, 4, 4),
             converged=fit.converged,
             frame=frame,
         )
@@ -322,7 +334,7 @@ def _optimum(
     noise: NoiseOptions,
     limit: int,
     progress: Progress,
-    done: int,
+    path: tuple[Array, ...],
 ) -> tuple[Kept, Problem, _Fit]:
     """The optimum that a start leads to, without mismatches and without wrong robot poses.
 
@@ -335,7 +347,7 @@ def _optimum(
         noise: the levels that the user knows.
         limit: of iterations, in each round.
         progress: told the number of iterations.
-        done: iterations before; those of the optimum count from there.
+        path: X after each step before.
     """
     problem = build(kept, used)
     residuals = robot_residuals(kept.state, problem.base_T_gripper, inverted=problem.inverted)
@@ -344,6 +356,8 @@ def _optimum(
     for rounds_left in reversed(range(_MOST_ROUNDS)):
         fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
         used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
+        fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, path)
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
         # Mismatches that hid behind a wrong start, or behind others, show now.
         left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
         gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
@@ -351,18 +365,16 @@ def _optimum(
         # What is left after leaving out looks more independent than its errors are.
         inflated = max(inflated, _inflation(problem, fit))
         levels = replace(solution.noise, image_inflation=inflated)
-        kept, problem, done = left, build(left, used), fit.iterations
+        kept, problem, path = left, build(left, used), fit.path
         del fit, solution  # large, and the next ones take as much again
         if last:
             break
         last = gone < _FEW
-    fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, done)
+    fit = _fitted(problem, kept.state, levels, noise, _TOLERANCE, limit, progress, path)
     for _ in range(_MOST_SETS):
         used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
         if np.array_equal(used, problem.trusted):
             break
         problem, levels = replace(problem, trusted=used), solution.noise
-        fit = _fitted(
-            problem, fit.state, levels, noise, _TOLERANCE, limit, progress, fit.iterations
-        )
+        fit = _fitted(problem, fit.state, levels, noise, _TOLERANCE, limit, progress, fit.path)
     return kept, problem, fit

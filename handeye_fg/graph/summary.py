@@ -69,7 +69,7 @@ class Refinement:
         influence: (r, 6) how far the first camera's X would move without the pose, with these noise
             levels, radians and metres; NaN where it is not used, or X not determined without it.
         reprojection_rms: (n,) pixels.
-        iterations: of the optimiser, in all rounds.
+        path: the first camera's X (k, 4, 4) after each step of the optimiser, in all rounds.
         converged: whether the last round did.
         second_start: whether another start leads to the same optimum; None: not tried.
         held_out: how well X predicts the robot poses that were kept out of it; None: there are none.
@@ -99,7 +99,7 @@ class Refinement:
     w_test: Array
     influence: Array
     reprojection_rms: Array
-    iterations: int
+    path: Array
     converged: bool
     second_start: SecondStart | None = None
     held_out: HeldOut | None = None
@@ -116,6 +116,11 @@ class Refinement:
     def intrinsics_covariances(self) -> tuple[Array, ...]:
         """For each camera that of its parameters (k, k); zeros where fixed."""
         return tuple(joint[6:, 6:] for joint in self.x_and_intrinsics)
+
+    @property
+    def iterations(self) -> int:
+        """Steps of the optimiser."""
+        return len(self.path)
 
     @property
     def observability(self) -> Observability:
@@ -193,7 +198,7 @@ def summarise(
     trusted: NDArray[np.bool_],
     options: NoiseOptions,
     *,
-    iterations: int,
+    path: Array,
     converged: bool,
     frame: str,
 ) -> Refinement:
@@ -209,7 +214,7 @@ def summarise(
         residuals: (r, 6) of all robot poses there.
         trusted: (r,) which robot poses were used.
         options: the noise levels that the user knows.
-        iterations: steps of the optimiser.
+        path: X after each step of the optimiser.
         converged: whether it converged.
         frame: parent frame of X.
     """
@@ -261,7 +266,7 @@ def summarise(
         w_test=without.lengths.max(axis=1),
         influence=without.x_step,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, len(poses)),
-        iterations=iterations,
+        path=path,
         converged=converged,
     )
 

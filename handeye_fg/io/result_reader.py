@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -24,6 +25,7 @@ from handeye_fg.io.results import (
     parent_frame,
     to_document,
 )
+from handeye_fg.io.scene_file import read_scene
 from handeye_fg.patterns import TargetKind
 from handeye_fg.types import (
     CameraModel,
@@ -72,7 +74,9 @@ def load_result(path: str | Path) -> Result:
         raise InputDataError(
             f"result file {path}: not valid JSON ({reason(error)}); calibrate again to write it"
         ) from error
-    return from_document(document, where=f"result file {path}")
+    return replace(
+        from_document(document, where=f"result file {path}"), scene=read_scene(path.parent)
+    )
 
 
 def from_document(document: object, where: str = "result document") -> Result:

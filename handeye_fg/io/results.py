@@ -29,6 +29,7 @@ from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.holdout import HoldoutReport, holdout_document
+from handeye_fg.io.scene_file import SCENE_NAME, RefinedScene, write_scene
 from handeye_fg.point_errors import Accuracy
 from handeye_fg.types import (
     CameraModel,
@@ -185,6 +186,7 @@ class Result:
             for one camera.
         accuracy: the error that X causes at the tool and over the distance; None where X has free
             directions, or no covariance.
+        scene: points, observations and small images, for pictures; in a file of its own, ``scene.npz``.
     """
 
     status: Status
@@ -215,6 +217,7 @@ class Result:
     certainty: CertaintyReport | None = None
     cameras: tuple[CameraReport, ...] = ()
     accuracy: Accuracy | None = None
+    scene: RefinedScene | None = None
 
     def __post_init__(self) -> None:
         set_pose(self, "matrix")
@@ -249,18 +252,23 @@ class Result:
                 )
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``result.json``, whole or not at all.
+        """Write ``result.json``, and ``scene.npz`` where there is a scene; each whole or not at all.
 
         Args:
             folder: where to; it is made if it does not exist.
 
         Returns:
-            The file.
+            The file ``result.json``.
 
         Raises:
-            InputDataError: the file cannot be written.
+            InputDataError: a file cannot be written.
         """
-        return write_atomic(Path(folder) / FILE_NAME, to_json(to_document(self)))
+        folder = Path(folder)
+        if self.scene is not None:
+            write_scene(self.scene, folder)
+        else:  # that of an earlier result would not belong to this one
+            (folder / SCENE_NAME).unlink(missing_ok=True)
+        return write_atomic(folder / FILE_NAME, to_json(to_document(self)))
 
     def export(self, form: str, options: ExportOptions | None = None) -> str:
         """X in the form that another program reads, as text.

@@ -1,15 +1,9 @@
-"""Figures of the report: inline SVG that follows the page's colours, light or dark."""
+"""Figures of the report that show the result itself."""
 
-import io
-import re
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
@@ -18,78 +12,72 @@ from handeye_fg import frames
 from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
 from handeye_fg.io.results import ImageReport, Result
 from handeye_fg.report import wording
-
-# Stand-ins that matplotlib draws with and the page replaces by its own colours.
-_INK, _MUTED, _GRID = "#010101", "#020202", "#030303"
-_FIRST, _SECOND, _BAD = "#040404", "#050505", "#060606"
-_VARIABLES = {
-    _INK: "var(--ink)",
-    _MUTED: "var(--muted)",
-    _GRID: "var(--line)",
-    _FIRST: "var(--first)",
-    _SECOND: "var(--second)",
-    _BAD: "var(--bad)",
-}
-# Any: the keys' type is a literal of all settings.
-_STYLE: dict[Any, Any] = {
-    "svg.hashsalt": "handeye-fg",
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.size": 9.0,
-    "text.color": _INK,
-    "text.parse_math": False,
-    "text.usetex": False,
-    "axes.edgecolor": _MUTED,
-    "axes.labelcolor": _INK,
-    "axes.facecolor": "none",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": _GRID,
-    "grid.linewidth": 0.6,
-    "xtick.color": _MUTED,
-    "ytick.color": _MUTED,
-    "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK,
-    "legend.frameon": False,
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-}
-_MOST_NAMES = 40
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drawing:
-    """A figure ready for the page.
-
-    Attributes:
-        title: its heading.
-        caption: what it shows and how to read it.
-        svg: the drawing, safe markup.
-        small: whether it needs less than the width of the page.
-    """
-
-    title: str
-    caption: str
-    svg: Markup
-    small: bool
+from handeye_fg.report.drawing import (
+    BAD,
+    FIRST,
+    MOST_NAMES,
+    MUTED,
+    SECOND,
+    Drawing,
+    bars,
+    name_axis,
+    style,
+)
+from handeye_fg.report.scene_figures import convergence, histograms, image_plane
 
 
 def drawings(result: Result) -> tuple[Drawing, ...]:
     """All figures that the result has data for."""
     placed = tuple(image for image in result.images if image.base_T_camera is not None)
-    with mpl.rc_context(_STYLE), warnings.catch_warnings():
-        # A name in a script that the measuring font lacks is still drawn by the browser's font.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    with style():
         candidates = (
+            _over_distance(result),
             _residuals(result),
             _centres(result, placed),
+            histograms(result),
+            image_plane(result),
             _reprojection(placed),
             _influence(result),
             _correlations(result),
+            convergence(result),
         )
     return tuple(drawing for drawing in candidates if drawing is not None)
+
+
+def _over_distance(result: Result) -> Drawing | None:
+    """The error that X causes, over the distance from the camera."""
+    found = result.accuracy
+    if found is None:
+        return None
+    distances = [1e3 * error.distance for error in found.along_axis]
+    work = found.at_work
+    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(
+        distances,
+        [1e3 * error.within_95 for error in found.along_axis],
+        color=FIRST,
+        marker="o",
+        markersize=4,
+        label="95 % of errors within",
+    )
+    stds = 1e3 * np.sqrt(np.array([np.diag(error.covariance) for error in found.along_axis]))
+    axes.plot(distances, stds[:, :2].max(axis=1), color=SECOND, label="std across the view")
+    axes.plot(distances, stds[:, 2], color=SECOND, linestyle="--", label="std along the view")
+    if found.tolerance is not None:
+        axes.axhline(1e3 * found.tolerance, color=BAD, linewidth=0.9, label="tolerance")
+    axes.axvline(1e3 * work.distance, color=MUTED, linewidth=0.9)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("distance from the camera, mm")
+    axes.set_ylabel("error, mm")
+    axes.legend(loc="upper left")
+    return Drawing(
+        figure=figure,
+        name="distance",
+        title="The error that X causes, over the distance",
+        caption=f"Of a point on the optical axis. At the work, {wording.number(1e3 * work.distance, 0)} mm from the "
+        f"camera, 95 % of the errors are within {wording.number(1e3 * work.within_95)} mm.",
+    )
 
 
 def _residuals(result: Result) -> Drawing | None:
@@ -100,9 +88,9 @@ def _residuals(result: Result) -> Drawing | None:
     upper, lower = figure.subplots(2, 1, sharex=True)
     millimetres = [1000.0 * (image.residual_translation or 0.0) for image in shown]
     degrees = [np.degrees(image.residual_rotation or 0.0) for image in shown]
-    _bars(upper, shown, millimetres, "position, mm")
-    _bars(lower, shown, degrees, "orientation, deg")
-    _name_axis(lower, shown)
+    bars(upper, shown, millimetres, "position, mm")
+    bars(lower, shown, degrees, "orientation, deg")
+    name_axis(lower, shown)
     worst = int(np.argmax(millimetres))
     if result.sfm is not None:
         title = "Reported against refined robot pose"
@@ -110,9 +98,9 @@ def _residuals(result: Result) -> Drawing | None:
     else:
         title = "Robot against camera"
         what = "where robot and camera put the camera, in each row"
-    return _drawing(
-        figure,
-        "residuals",
+    return Drawing(
+        figure=figure,
+        name="residuals",
         title=title,
         caption=f"Distance and angle between {what}. "
         f"Largest distance: {wording.number(millimetres[worst])} mm at "
@@ -127,12 +115,12 @@ def _reprojection(images: Sequence[ImageReport]) -> Drawing | None:
     figure = Figure(figsize=(7.2, 2.8), layout="constrained")
     axes = figure.subplots()
     values = [image.reprojection_rms or 0.0 for image in shown]
-    _bars(axes, shown, values, "rms, px")
-    _name_axis(axes, shown)
+    bars(axes, shown, values, "rms, px")
+    name_axis(axes, shown)
     worst = int(np.argmax(values))
-    return _drawing(
-        figure,
-        "reprojection",
+    return Drawing(
+        figure=figure,
+        name="reprojection",
         title="Reprojection error by image",
         caption="Root mean square distance between seen and predicted points. "
         f"Largest: {wording.number(values[worst])} px at {wording.printable(shown[worst].name)}.",
@@ -147,15 +135,15 @@ def _influence(result: Result) -> Drawing | None:
     shown = sorted(shown, key=lambda image: image.influence_translation or 0.0, reverse=True)
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    names = shown[:_MOST_NAMES]
+    names = shown[:MOST_NAMES]
     millimetres = [1000.0 * (image.influence_translation or 0.0) for image in names]
     degrees = [np.degrees(image.influence_rotation or 0.0) for image in names]
-    _bars(upper, names, millimetres, "position, mm")
-    _bars(lower, names, degrees, "orientation, deg")
-    _name_axis(lower, names)
-    return _drawing(
-        figure,
-        "influence",
+    bars(upper, names, millimetres, "position, mm")
+    bars(lower, names, degrees, "orientation, deg")
+    name_axis(lower, names)
+    return Drawing(
+        figure=figure,
+        name="influence",
         title="Influence of each robot pose on X",
         caption="How far X would move without the pose, the most influential first. Largest: "
         f"{wording.number(millimetres[0])} mm at {wording.printable(names[0].name)}. Where one pose "
@@ -176,20 +164,20 @@ def _centres(result: Result, images: Sequence[ImageReport]) -> Drawing | None:
     # Any: the 3D axes of matplotlib are found by a name, their type is not in its stubs.
     axes: Any = figure.add_subplot(projection="3d")
     for camera, gripper, end in zip(cameras, grippers, ends, strict=True):
-        axes.plot(*np.transpose([gripper, camera]), color=_MUTED, linewidth=0.8)
-        axes.plot(*np.transpose([camera, end]), color=_SECOND, linewidth=1.6)
-    axes.scatter(*grippers.T, color=_FIRST, marker="s", s=14, depthshade=False, label="gripper")
-    axes.scatter(*cameras.T, color=_SECOND, marker="o", s=16, depthshade=False, label="camera")
+        axes.plot(*np.transpose([gripper, camera]), color=MUTED, linewidth=0.8)
+        axes.plot(*np.transpose([camera, end]), color=SECOND, linewidth=1.6)
+    axes.scatter(*grippers.T, color=FIRST, marker="s", s=14, depthshade=False, label="gripper")
+    axes.scatter(*cameras.T, color=SECOND, marker="o", s=16, depthshade=False, label="camera")
     for axis, label in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
-        axis.line.set_color(_MUTED)
+        axis.line.set_color(MUTED)
         axis.set_label_text(f"{label}, m")
         axis.set_major_locator(MaxNLocator(5))
     axes.set_aspect("equal")
     axes.legend(loc="upper left")
-    return _drawing(
-        figure,
-        "centres",
+    return Drawing(
+        figure=figure,
+        name="centres",
         title="Where the camera was",
         caption="Positions in the base frame: gripper (squares), camera (discs), the "
         "viewing direction as a short stroke. Motions about several axes determine X well.",
@@ -219,7 +207,7 @@ def _correlations(result: Result) -> Drawing | None:
                         (j - 0.48, i - 0.48),
                         0.96,
                         0.96,
-                        facecolor=_FIRST if value > 0 else _SECOND,
+                        facecolor=FIRST if value > 0 else SECOND,
                         # Never so full that the figure in the cell is hard to read.
                         alpha=0.45 * abs(value),
                         linewidth=0,
@@ -235,60 +223,10 @@ def _correlations(result: Result) -> Drawing | None:
     axes.set_aspect("equal")
     for spine in axes.spines.values():
         spine.set_visible(False)
-    return _drawing(
-        figure,
-        "correlation",
+    return Drawing(
+        figure=figure,
+        name="correlation",
         title="Correlation of the components of X",
         caption="Rotation, then translation, along the camera's axes. Values near 1 or -1: the "
         "motions do not tell the two apart well.",
     )
-
-
-def _bars(axes: Any, images: Sequence[ImageReport], values: Sequence[float], label: str) -> None:
-    bars = axes.bar(range(len(values)), values, color=_FIRST, width=0.7)
-    for bar, image in zip(bars, images, strict=True):
-        if image.outlier:
-            bar.set(facecolor="none", edgecolor=_BAD, hatch="////", linewidth=0.8)
-    kept = [value for value, image in zip(values, images, strict=True) if not image.outlier]
-    limit = 1.6 * max(kept, default=0.0)
-    if 0.0 < limit < max(values):
-        # Else one bad pose makes all others invisible.
-        axes.set_ylim(0.0, limit)
-        for i, value in enumerate(values):
-            if value > limit:
-                axes.text(
-                    i, limit, wording.significant(value), ha="center", va="bottom", color=_BAD
-                )
-    axes.set_ylabel(label)
-    axes.grid(visible=False, axis="x")
-    axes.margins(x=0.01)
-
-
-def _name_axis(axes: Any, images: Sequence[ImageReport]) -> None:
-    """Names under the bars; where they are too many, only every k-th."""
-    step = -(-len(images) // _MOST_NAMES)
-    ticks = range(0, len(images), step)
-    names = [wording.shortened(wording.printable(images[i].name)) for i in ticks]
-    axes.set_xticks(ticks, names, rotation=90, fontsize=7)
-
-
-def _drawing(figure: Figure, identifier: str, *, title: str, caption: str) -> Drawing:
-    """Render a figure and make it part of a page: its colours, its own ids, a description."""
-    buffer = io.BytesIO()
-    metadata = {"Creator": None, "Date": None, "Format": None, "Type": None}
-    figure.savefig(buffer, format="svg", metadata=metadata)
-    text = buffer.getvalue().decode()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
-    for stand_in, variable in _VARIABLES.items():
-        text = text.replace(stand_in, variable)
-    # Ids are unique in a page, not only in a figure.
-    text = re.sub(r'\bid="', f'id="{identifier}-', text)
-    text = text.replace("url(#", f"url(#{identifier}-")
-    text = re.sub(r'xlink:href="#', f'href="#{identifier}-', text)
-    body = text.split(">", 1)[1]
-    width, height = 72.0 * figure.get_size_inches()
-    label = escape(f"{title}. {caption}")
-    # matplotlib escapes the text it draws; the label is escaped here.
-    svg = Markup(f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{label}">{body}')
-    return Drawing(title=title, caption=caption, svg=svg, small=bool(width < 400.0))

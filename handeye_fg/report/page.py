@@ -1,4 +1,4 @@
-"""``report.html``: one file, no network, no scripts, light and dark, on paper too."""
+"""``report.html``: one file that needs no network; light and dark, on paper too."""
 
 import math
 from collections.abc import Mapping
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 
 from handeye_fg import frames
 from handeye_fg.frames import Array, quaternion_xyzw
@@ -18,6 +19,7 @@ from handeye_fg.io.camera_results import (
     std_rotation_deg,
     std_translation_mm,
 )
+from handeye_fg.io.exports import export_text
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.results import (
     ImageReport,
@@ -26,11 +28,19 @@ from handeye_fg.io.results import (
 )
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
+from handeye_fg.report.view import view
 from handeye_fg.types import LevelCertainty
 
 REPORT_NAME = "report.html"
 # Two-sided 95 % point of the normal distribution.
 _NORMAL_95 = 1.959964
+_COPIED = {
+    "ros2": "ROS 2 command",
+    "ros1": "ROS 1 command",
+    "urdf": "URDF joint",
+    "easy-handeye2": "easy_handeye2",
+    "json": "JSON",
+}
 
 
 def write_report(result: Result, folder: str | Path) -> Path:
@@ -78,7 +88,7 @@ def render(result: Result) -> str:
         >>> "p_gripper = gripper_T_camera p_camera" in page
         True
     """
-    source = resources.files(__package__).joinpath("template.html").read_text(encoding="utf-8")
+    source = _asset("template.html")
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -89,11 +99,27 @@ def render(result: Result) -> str:
     return page.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
+def _asset(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _scripts(shown: object) -> list[Markup]:
+    """What the page runs: its own script, and the library that draws the 3D view where there is one."""
+    library = ["assets/plotly-gl3d.min.js"] if shown is not None else []
+    return [Markup(_asset(name)) for name in (*library, "assets/report.js")]  # files of the package
+
+
+def _copies(result: Result) -> list[tuple[str, str]]:
+    """X in the forms that people paste, each under its name."""
+    forms = [("Matrix (Python)", _python_text(result.matrix))]
+    return forms + [(title, export_text(result, form)) for form, title in _COPIED.items()]
+
+
 def _context(result: Result) -> dict[str, object]:
     """What the template shows, as text."""
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
     half_rotation, half_translation = _half_widths(result, std_rotation, std_translation)
-    matrix = result.matrix
+    matrix, shown = result.matrix, view(result)
     return {
         "ok": result.status == "ok",
         "message": result.message,
@@ -123,7 +149,6 @@ def _context(result: Result) -> dict[str, object]:
         "worst_rotation": _largest(std_rotation, half_rotation, 4, "deg"),
         "worst_translation": _largest(std_translation, half_translation, 3, "mm"),
         "matrix": [wording.numbers(row, 7) for row in matrix],
-        "matrix_text": _python_text(matrix),
         "translation": wording.numbers(matrix[:3, 3], 6),
         "quaternion": wording.numbers(quaternion_xyzw(matrix[:3, :3]), 7),
         "base_T_world": _rows(result.base_T_world, ".7f"),
@@ -141,6 +166,9 @@ def _context(result: Result) -> dict[str, object]:
         "rejected": wording.rejected(result),
         "images": [_image(image) for image in result.images],
         "figures": drawings(result),
+        "view": shown,
+        "scripts": _scripts(shown),
+        "copies": _copies(result),
         "observability": _pairs(result.observability),
         "timing": _pairs(result.timing_s, 1),
         "provenance": [(key, str(value)) for key, value in sorted(result.provenance.items())],
