@@ -281,14 +281,6 @@ def refine(
             noise,
             options.max_iterations,
             progress,
-            iterations,
-            build,
-            kept,
-            n_known,
-            believed,
-            noise,
-            options.max_iterations,
-            progress,
             path,
         )
         path = fit.path
@@ -354,10 +346,8 @@ def _optimum(
     levels = _first_noise(kept, residuals[used], with_corners=problem.known is not None)
     last, inflated = False, 1.0
     for rounds_left in reversed(range(_MOST_ROUNDS)):
-        fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, done)
-        used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
         fit = _fitted(problem, kept.state, levels, noise, _FIRST_TOLERANCE, limit, progress, path)
-        used, solution = agreeing(fit.linearised, fit.solution, used, noise)
+        used, solution = agreeing(fit.linearised, fit.solution, used, noise, held)
         # Mismatches that hid behind a wrong start, or behind others, show now.
         left = without_mismatches(fit.state, kept.tracks, kept.sigma_scale, n_known)
         gone = 1.0 - len(left.tracks.pixels) / len(kept.tracks.pixels)
