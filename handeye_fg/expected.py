@@ -54,12 +54,14 @@ def all_cameras(model: SfmModel, inputs: Inputs, options: Options) -> Array | No
 
 
 def _sure(linear: LinearStart, model: SfmModel) -> bool:
-    """Whether a linear start can say where further cameras were."""
+    """Whether a linear start can say where further cameras were.
+
+    What the motions leave undetermined of X does not matter as long as the others are of the same kind.
+    """
     centres = linear.metres_per_world_unit * model.world_T_camera[:, :3, 3]
     extent = float(np.sqrt(np.sum(np.var(centres, axis=0))))
     return (
-        linear.method == "andreff_scale"
-        and len(model.names) >= _FEWEST_IMAGES
+        len(model.names) >= _FEWEST_IMAGES
         and linear.residual_rotation < _SURE_ROTATION
         and linear.residual_translation < _SURE_TRANSLATION * extent
     )

@@ -28,10 +28,15 @@ def inputs_of(names, poses):
     )
 
 
-@pytest.fixture(scope="module")
-def scene():
+@pytest.fixture(scope="module", params=["general", "one_axis"])
+def scene(request):
     return simulate_scene(
-        np.random.default_rng(2), n_images=40, n_points=60, pixel_sigma=0.1, start_sigma=1e-4
+        np.random.default_rng(2),
+        n_images=40,
+        n_points=60,
+        pixel_sigma=0.1,
+        start_sigma=1e-4,
+        motion=request.param,
     )
 
 
