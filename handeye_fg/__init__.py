@@ -1,9 +1,10 @@
 """Hand-eye calibration from ordinary images, with an honest uncertainty.
 
 ``calibrate`` takes images and the robot's poses, ``refine`` an existing model and the poses, ``solve`` pose
-pairs alone; all return a ``Result``, of files or of arrays. ``export`` gives it to other programs,
-``render_report`` and ``summary_text`` to people. The conventions are in ``handeye_fg.frames``, synthetic data in
-``handeye_fg.simulate``. Names are imported when they are first used, so that ``import handeye_fg`` costs nothing.
+pairs alone; all return a ``Result``, of files or of arrays. ``check`` and ``check_model`` say whether the poses
+are as they are said to be. ``export`` gives a result to other programs, ``render_report`` and ``summary_text``
+to people. The conventions are in ``handeye_fg.frames``, synthetic data in ``handeye_fg.simulate``. Names are
+imported when they are first used, so that ``import handeye_fg`` costs nothing.
 """
 
 from importlib import import_module
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from handeye_fg.batching.manifest import DataSet
     from handeye_fg.batching.rows import Batch, Row
     from handeye_fg.batching.run import batch
+    from handeye_fg.checking import Check, check, check_model
     from handeye_fg.comparison import Comparison, Difference, compare
     from handeye_fg.errors import (
         ConvergenceError,
@@ -52,6 +54,7 @@ __all__ = [
     "Batch",
     "CameraModel",
     "CameraPrior",
+    "Check",
     "Comparison",
     "ConvergenceError",
     "DataSet",
@@ -80,6 +83,8 @@ __all__ = [
     "Workspace",
     "batch",
     "calibrate",
+    "check",
+    "check_model",
     "compare",
     "export",
     "load_result",
@@ -107,6 +112,7 @@ _HOME = {
     "Row": "batching.rows",
     "batch": "batching.run",
     "calibrate": "pipeline",
+    **dict.fromkeys(("Check", "check", "check_model"), "checking"),
     "export": "exporting",
     "load_result": "io.result_reader",
     "read_camera": "io.cameras",

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from handeye_fg.commands import COMMANDS, Calibrate, Command
+from handeye_fg.commands import COMMANDS, Calibrate, Check, Command
 from handeye_fg.commands.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from handeye_fg.console import say, stderr_console
 from handeye_fg.errors import HandEyeError, InputDataError
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parse(arguments: Sequence[str]) -> Command:
     """The command; the options of a --config file are the defaults of the flags."""
     command = _parse_over(Options(), arguments)
-    if isinstance(command, Calibrate) and command.config is not None:
+    if isinstance(command, Calibrate | Check) and command.config is not None:
         from handeye_fg.io.config import read_config  # noqa: PLC0415  # help does without it
 
         command = _parse_over(read_config(command.config), arguments)
@@ -72,10 +72,9 @@ def _parse(arguments: Sequence[str]) -> Command:
 
 
 def _parse_over(options: Options, arguments: Sequence[str]) -> Command:
-    given = Calibrate(images=tyro.MISSING, poses=tyro.MISSING, options=options)
-
     def of_name(name: str, kind: type[Command]) -> Any:  # a type made at run time
-        if kind is Calibrate:
+        if kind in (Calibrate, Check):
+            given = kind(images=tyro.MISSING, poses=tyro.MISSING, options=options)
             return Annotated[kind, tyro.conf.subcommand(name, default=given, prefix_name=False)]
         return Annotated[kind, tyro.conf.subcommand(name, prefix_name=False)]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from handeye_fg import sfm
+from handeye_fg.claims import agreed
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.from_poses import solve
@@ -72,6 +73,7 @@ def refine(
     if not isinstance(found, SfmModel):
         return _from_poses(found, poses, options, names)
     inputs, paired = read_model_inputs(found, poses, options, names)
+    inputs = agreed(paired, inputs, options)
     clock.lap("input")
     return solve_scene(Scene(model=paired), inputs, options, clock, progress)
 

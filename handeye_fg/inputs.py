@@ -2,13 +2,14 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from handeye_fg import frames
+from handeye_fg.conventions import Reading, converted, file_readings
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.cameras import read_camera, read_cameras
@@ -43,6 +44,9 @@ class Inputs:
         left_out: (name, reason) of the images without pose and the poses without image.
         unusable: (name, reason) of the images that have a pose and yet cannot be used.
         looks: how the images look, by name.
+        readings: other readings of the poses' file.
+        convention: by which the poses were converted although nobody asked; "" for none.
+        convention_note: what is to be told of the poses' convention; "" for nothing.
         poses: reported poses of all names; of base_T_gripper, or its inverse for eye-to-hand.
         cameras: given intrinsics for each folder of images ("." for none), or None.
         masks: folder of the masks, or None.
@@ -60,6 +64,9 @@ class Inputs:
     target: Target | None = None
     unusable: tuple[tuple[str, str], ...] = ()
     looks: Mapping[str, Look] = field(default_factory=dict)
+    readings: tuple[Reading, ...] = ()
+    convention: str = ""
+    convention_note: str = ""
 
     @property
     def camera(self) -> CameraModel | None:
@@ -72,7 +79,15 @@ class Inputs:
 
     def robot_poses(self, names: Sequence[str]) -> Array:
         """Poses (n, 4, 4) of the named images, in that order."""
-        return self.poses.base_T_gripper[self._rows(names)]
+        return self.poses.base_T_gripper[self.rows(names)]
+
+    def as_read(self, setup: Setup) -> RobotPoses:
+        """The poses base_T_gripper, whatever the setup."""
+        return _in_equations(self.poses, setup)
+
+    def with_poses(self, base_T_gripper: RobotPoses, setup: Setup) -> "Inputs":
+        """The same with other poses base_T_gripper."""
+        return replace(self, poses=_in_equations(base_T_gripper, setup))
 
     def arm(self, model: SfmModel) -> tuple[Rig, Array]:
         """Which camera took an image of the model, and where; the robot poses (r, 4, 4) in that order.
@@ -80,7 +95,7 @@ class Inputs:
         Raises:
             InputDataError: two images of one camera have the same robot pose.
         """
-        rows, pose = np.unique(self._rows(model.names), return_inverse=True)
+        rows, pose = np.unique(self.rows(model.names), return_inverse=True)
         taken: dict[tuple[int, int], str] = {}
         for name, *place in zip(
             model.names, model.image_camera.tolist(), pose.tolist(), strict=True
@@ -102,7 +117,7 @@ class Inputs:
         _, first = np.unique(model.image_camera, return_index=True)
         return tuple(self.cameras[folder_of(model.names[i])] for i in first)
 
-    def _rows(self, names: Sequence[str]) -> list[int]:
+    def rows(self, names: Sequence[str]) -> list[int]:
         """Where the poses of the named images stand."""
         index = {name: i for i, name in enumerate(self.poses.names)}
         return [index[pose_name(name, index) or name] for name in names]
@@ -123,7 +138,7 @@ def read_inputs(
         InputDataError: something is missing, damaged or does not fit together.
     """
     listed = list_cameras(images)
-    robot = _as_in_equations(robot_poses(poses, options, listed), options)
+    robot, others = _read_poses(poses, options, listed)
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(listed, robot.names)
     names = pairing.paired
@@ -170,6 +185,7 @@ def read_inputs(
         target=pattern,
         unusable=tuple(unusable.items()),
         looks=looks,
+        readings=others,
     )
 
 
@@ -240,7 +256,7 @@ def read_model_inputs(
                 f"no image has the name of one in the model: images are named like {images[0]}, those of the "
                 f"model like {model.names[0]}; give the images that the model was made from"
             )
-    robot = _as_in_equations(robot_poses(poses, options, names), options)
+    robot, others = _read_poses(poses, options, names)
     pairing = pair_names(names, robot.names)
     if len(pairing.paired) < _FEWEST_IMAGES:
         raise InputDataError(
@@ -262,12 +278,13 @@ def read_model_inputs(
         cameras=cameras,
         masks=None,
         digest=_digest(robot, cameras, []),
+        readings=others,
     )
     return inputs, only(model, pairing.paired)
 
 
 def robot_poses(poses: PosesSource, options: Options, images: Sequence[str] | None) -> RobotPoses:
-    """The poses base_T_gripper as they are given.
+    """The poses base_T_gripper as they are given, or as ``options.poses.convention`` has them.
 
     Args:
         poses: of the robot.
@@ -277,14 +294,34 @@ def robot_poses(poses: PosesSource, options: Options, images: Sequence[str] | No
     Raises:
         InputDataError: the poses break their format.
     """
+    return _with_readings(poses, options, images)[0]
+
+
+def _read_poses(
+    poses: PosesSource, options: Options, images: Sequence[str] | None
+) -> tuple[RobotPoses, tuple[Reading, ...]]:
+    """The poses in the form of the equations, and other readings of their file."""
+    given, others = _with_readings(poses, options, images)
+    return _in_equations(given, options.setup), others
+
+
+def _with_readings(
+    poses: PosesSource, options: Options, images: Sequence[str] | None
+) -> tuple[RobotPoses, tuple[Reading, ...]]:
+    others: tuple[Reading, ...] = ()
     if isinstance(poses, str | Path):
-        return open_poses(poses, options.poses, images).poses()
-    return poses if isinstance(poses, RobotPoses) else poses_from_mapping(poses)
+        file = open_poses(poses, options.poses, images)
+        poses, others = file.poses(), file_readings(file)
+    elif not isinstance(poses, RobotPoses):
+        poses = poses_from_mapping(poses)
+    if options.poses.convention:
+        return converted(poses, options.poses.convention), ()
+    return poses, others
 
 
-def _as_in_equations(poses: RobotPoses, options: Options) -> RobotPoses:
-    """The poses, for eye-to-hand their inverses."""
-    if options.setup == "eye-in-hand":
+def _in_equations(poses: RobotPoses, setup: Setup) -> RobotPoses:
+    """For eye-to-hand the inverses, which are their own inverses again."""
+    if setup == "eye-in-hand":
         return poses
     return RobotPoses(names=poses.names, base_T_gripper=frames.inverse(poses.base_T_gripper))
 

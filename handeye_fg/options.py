@@ -133,6 +133,11 @@ class PoseFileOptions:
     one, as many of each. auto: by name or time, never by number or order."""
     time_tolerance_s: float = 0.1
     """An image in time has its pose between two poses that are both this near, or near one."""
+    convention: str = ""
+    """How the poses, once read, are to be converted, such as inverted, transposed, mirrored-y or shifted+1;
+    handeye-fg check names it; several separated by commas. as-given: use them unchecked, whatever the images say."""
+    auto_convention: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Where the images show that the poses follow another convention, convert them and say so, instead of stopping."""
 
     def __post_init__(self) -> None:
         for name, kind in (

@@ -138,6 +138,8 @@ def assemble(
             **{name: version(name) for name in _PACKAGES},
             "options_digest": options_digest(options),
             "input_digest": inputs.digest,
+            "convention": ",".join(filter(None, (options.poses.convention, inputs.convention)))
+            or "as given",
             "seed": options.seed,
         },
     )
@@ -350,6 +352,8 @@ def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
             f"No image of {', '.join(missing)} could be placed, so that there is no X of it; take images "
             "that overlap with those of the other cameras."
         )
+    if inputs.convention_note:
+        parts.append(inputs.convention_note)
     if inputs.left_out:
         parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
     if model.static_share >= _WORTH_TELLING:

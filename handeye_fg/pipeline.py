@@ -15,7 +15,6 @@ from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene, find_scene
 from handeye_fg.solvers.rig import rig_start
-from handeye_fg.turns import require_same_turns
 
 
 def calibrate(
@@ -78,9 +77,10 @@ def calibrate(
         inputs = read_inputs(folder, poses, camera, masked, options, progress, target)
         clock.lap("input")
         # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
+        #    Whether the robot's poses are as they are said to be shows here.
         kept = Path(output or files.enter_context(tempfile.TemporaryDirectory()))
         files.enter_context(sole_use(kept))
-        scene = find_scene(inputs, kept / "sfm", options, progress)
+        scene, inputs = find_scene(inputs, kept / "sfm", options, progress)
         clock.lap("sfm")
         return solve_scene(scene, inputs, options, clock, progress)
 
@@ -92,9 +92,6 @@ def solve_scene(
     model, known = scene.model, scene.known
     rig, reported = inputs.arm(model)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
-    first = model.image_camera == 0
-    turns = inputs.turns(model.names, options.setup).only(first)
-    require_same_turns(turns, model.world_T_camera[first, :3, :3])
     priors = in_world_units(options.priors, model.names, model.world_T_camera)
     linear = rig_start(reported, model.world_T_camera, rig, priors=priors)
     clock.lap("linear start")

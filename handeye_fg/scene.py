@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from handeye_fg import sfm
+from handeye_fg.claims import agreed
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.expected import all_cameras
 from handeye_fg.inputs import Inputs
@@ -45,8 +46,10 @@ class Scene:
     kind: str = ""
 
 
-def find_scene(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> Scene:
-    """Place the images.
+def find_scene(
+    inputs: Inputs, folder: Path, options: Options, progress: Progress
+) -> tuple[Scene, Inputs]:
+    """Place the images, and hold the robot poses against them before they are used.
 
     With a target the target alone suffices, where the intrinsics are given: then structure from
     motion may fail.
@@ -57,23 +60,31 @@ def find_scene(inputs: Inputs, folder: Path, options: Options, progress: Progres
         options: of the calibration.
         progress: told of every stage.
 
+    Returns:
+        The scene, and the inputs, their poses converted if that was asked for.
+
     Raises:
+        InputDataError: the poses follow another convention than they are said to.
         ReconstructionError: too few images can be placed, or no image shows the target.
+        ConvergenceError: robot and camera contradict each other.
     """
-    if inputs.target is None:
-        return Scene(model=_reconstructed(inputs, folder, options, progress))
+    target = inputs.target
+    if target is None:
+        model, inputs = _agreed_and_joined(inputs, folder, options, progress)
+        return Scene(model=model), inputs
     # The target first: whether the images show it is known in seconds.
-    corners = find_target(inputs.images, inputs.names, inputs.target.pattern, progress)
+    corners = find_target(inputs.images, inputs.names, target.pattern, progress)
     try:
-        model = _reconstructed(inputs, folder, options, progress)
+        model, inputs = _agreed_and_joined(inputs, folder, options, progress)
     except ReconstructionError as error:
         if inputs.camera is None:
             raise ReconstructionError(
                 f"{error}; or give the camera file: with known intrinsics the target alone suffices"
             ) from error
-        return _with_target(inputs, inputs.target, corners, inputs.camera, None)
+        scene = _with_target(inputs, target, corners, inputs.camera, None)
+        return scene, agreed(scene.model, inputs, options, scale_known=True)
     given = inputs.camera if inputs.camera is not None and covers_image(inputs.camera) else None
-    return _with_target(inputs, inputs.target, corners, given or model.camera, model)
+    return _with_target(inputs, target, corners, given or model.camera, model), inputs
 
 
 def _with_target(
@@ -94,8 +105,13 @@ def _with_target(
     return Scene(model=joined, board=board, known=known, kind=target.pattern.kind)
 
 
-def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> SfmModel:
-    model = sfm.reconstruct(
+def reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Progress) -> SfmModel:
+    """Camera poses and points as structure from motion gives them.
+
+    Raises:
+        ReconstructionError: too few images can be placed.
+    """
+    return sfm.reconstruct(
         inputs.images,
         inputs.names,
         inputs.cameras,
@@ -110,7 +126,14 @@ def _reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Pro
             place=lambda some: all_cameras(some, inputs, options),
         ),
     )
-    return _judged(joined(model, inputs, folder), inputs)
+
+
+def _agreed_and_joined(
+    inputs: Inputs, folder: Path, options: Options, progress: Progress
+) -> tuple[SfmModel, Inputs]:
+    model = reconstructed(inputs, folder, options, progress)
+    inputs = agreed(model, inputs, options)
+    return _judged(joined(model, inputs, folder), inputs), inputs
 
 
 def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:

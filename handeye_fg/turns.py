@@ -1,7 +1,7 @@
 """Whether a robot and a camera turn alike: R_A R_X = R_X R_B, with one R_X whatever the mounting.
 
 It needs no scale, no translations and no X, so that it can tell right camera motions from wrong ones
-before anything is calibrated; entry points ``agreement`` and ``require_setup``.
+before anything is calibrated; entry points ``agreement`` and ``pose_agreement``.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye_fg.errors import ConvergenceError, InputDataError
 from handeye_fg.frames import Array, orthonormalised, quaternions
 from handeye_fg.options import Setup
 from handeye_fg.types import Indices
@@ -26,11 +25,6 @@ _ROUNDS = 3
 _CHANCE, _HANDFUL = 0.1, 6
 # More pairs of poses add time and no certainty.
 _MOST_PAIRS = 2000
-# So many turns tell whether there is anything in common. With the worst arm they agree this well.
-_ENOUGH = 15
-_WIDELY = np.deg2rad(15.0)
-# A setup is called wrong if so many times more pairs agree with the other one.
-_CLEARLY = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,59 +112,6 @@ def pose_agreement(
         [np.swapaxes(poses[i, :3, :3], 1, 2) @ poses[j, :3, :3] for (_, poses), (i, j) in within]
     )
     return float(np.mean(agreement(robot.between(i, j), camera, seed).agrees))
-
-
-def require_setup(robot: RobotTurns, i: Indices, j: Indices, camera: Array, seed: int = 0) -> None:
-    """Refuse robot poses that only their inverses would agree with the camera.
-
-    Args:
-        robot: the robot's turns.
-        i: indices (k,) of the poses where the camera's turns start.
-        j: indices (k,) of the poses where they end.
-        camera: these turns (k, 3, 3).
-        seed: of the samples.
-
-    Raises:
-        InputDataError: they would.
-    """
-    given = agreement(robot.between(i, j), camera, seed)
-    other = robot.inverted()
-    found = agreement(other.between(i, j), camera, seed)
-    if not found.significant or found.agrees.sum() < _CLEARLY * max(1, given.agrees.sum()):
-        return
-    raise InputDataError(
-        f"the images fit --setup {other.setup}, not --setup {robot.setup}: {found.agrees.sum()} of "
-        f"{len(camera)} turns between images agree with the robot's if the setup is {other.setup}, "
-        f"{given.agrees.sum()} if it is {robot.setup}; use --setup {other.setup}, or, if the setup is "
-        "right, the file holds gripper_T_base: invert its poses"
-    )
-
-
-def require_same_turns(robot: RobotTurns, world_R_camera: Array, seed: int = 0) -> None:
-    """Refuse camera poses that turn otherwise than the robot, before anything is computed from them.
-
-    Args:
-        robot: the robot's turns.
-        world_R_camera: orientations (n, 3, 3) of one camera.
-        seed: of the samples.
-
-    Raises:
-        InputDataError: they would turn alike in the other setup.
-        ConvergenceError: they do not in either, but for what chance does.
-    """
-    i, j = _pairs(len(world_R_camera), seed)
-    camera = np.swapaxes(world_R_camera[i], 1, 2) @ world_R_camera[j]
-    require_setup(robot, i, j, camera, seed)
-    turns = robot.between(i, j)
-    telling = int(np.count_nonzero(_angles(quaternions(turns)) > _LEAST))
-    found = agreement(turns, camera, seed, _WIDELY)
-    if telling >= _ENOUGH and not found.significant:
-        raise ConvergenceError(
-            f"robot and camera turn differently: only {found.agrees.sum()} of {len(turns)} turns between images agree, whatever "
-            "the mounting of the camera; check the convention of the poses (inverted, transposed, other "
-            "quaternion or Euler order) and that rows belong to their images; where things in the images "
-            "look alike, give the camera file, masks and more images"
-        )
 
 
 def _pairs(n: int, seed: int) -> tuple[Indices, Indices]:

@@ -70,9 +70,10 @@ def test_two_parts_become_one_model(scene: Scene, inputs: Inputs, tmp_path: Path
     told: list[tuple[str, int, int | None]] = []
 
     def find() -> np.ndarray:
-        model = find_scene(
+        found, _ = find_scene(
             inputs, tmp_path / "out" / "sfm", Options(), lambda *report: told.append(report)
-        ).model
+        )
+        model = found.model
         assert model.names == scene.model.names
         assert model.unregistered == ()
         assert model.by_robot == N - SECOND
@@ -99,7 +100,8 @@ def test_a_part_that_contradicts_the_robot_stays_out(
     noise = np.random.default_rng(0).normal(0.0, 0.3, (N - SECOND, 6))
     turned[SECOND:] = turned[SECOND:] @ frames.exp(noise)
     wrong = replace(inputs, poses=replace(inputs.poses, base_T_gripper=turned))
-    model = find_scene(wrong, tmp_path / "out" / "sfm", Options(), silent).model
+    found, _ = find_scene(wrong, tmp_path / "out" / "sfm", Options(), silent)
+    model = found.model
     assert model.names == scene.model.names[:SECOND]
     assert {why for _, why in model.unregistered} == {
         "placed with 5 others, apart from the rest, but they do not move as the robot did"

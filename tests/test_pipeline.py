@@ -211,7 +211,7 @@ def test_static_features_are_told(images, scene, monkeypatch):
 
 def test_the_other_setup_is_named(images, scene, reconstruction):
     with pytest.raises(
-        hf.InputDataError, match="images fit --setup eye-in-hand, not --setup eye-to"
+        hf.InputDataError, match="your poses look like those of setup eye-in-hand, or inverted"
     ):
         hf.calibrate(images, poses_of(scene), scene.camera, options=hf.Options(setup="eye-to-hand"))
     turns = reconstruction[0]["turns"]

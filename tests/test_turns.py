@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handeye_fg.errors import ConvergenceError, InputDataError
 from handeye_fg.frames import pose
 from handeye_fg.simulate import simulate_poses
-from handeye_fg.turns import (
-    RobotTurns,
-    agreement,
-    pose_agreement,
-    require_same_turns,
-    require_setup,
-)
+from handeye_fg.turns import RobotTurns, agreement, pose_agreement
 
 
 def random_turns(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -52,54 +45,20 @@ def test_too_few_turns_say_nothing() -> None:
     assert not found.significant
 
 
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_the_wrong_setup_is_refused_with_both_counts(setup: str) -> None:
-    other = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}[setup]
+def test_the_right_setup_agrees_and_the_other_does_not() -> None:
     reported, camera, _ = simulate_poses(np.random.default_rng(1), n_poses=10)
-    right = RobotTurns(rotations=reported[:, :3, :3], setup=setup)
-    require_same_turns(right, camera[:, :3, :3])
+    right = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
     assert pose_agreement(right, [(np.arange(10), camera)]) == pytest.approx(1.0)
     wrong = right.inverted()
-    assert wrong.setup == other
-    with pytest.raises(
-        InputDataError, match=f"images fit --setup {setup}, not --setup {other}: 45 of"
-    ):
-        require_same_turns(wrong, camera[:, :3, :3])
+    assert wrong.setup == "eye-to-hand"
+    assert pose_agreement(wrong, [(np.arange(10), camera)]) < 0.3
 
 
-def test_one_axis_accuses_nobody() -> None:
-    """Turns about one axis fit both setups."""
-    reported, camera, _ = simulate_poses(np.random.default_rng(2), n_poses=12, motion="one_axis")
-    turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
-    require_same_turns(turns, camera[:, :3, :3])
-    require_same_turns(turns.inverted(), camera[:, :3, :3])
-
-
-def test_wrong_rows_accuse_nobody() -> None:
+def test_wrong_rows_agree_with_none() -> None:
     reported, camera, _ = simulate_poses(np.random.default_rng(3), n_poses=20)
     reported[:6] = reported[[1, 2, 3, 4, 5, 0]]
     turns = RobotTurns(rotations=reported[:, :3, :3], setup="eye-in-hand")
-    require_same_turns(turns, camera[:, :3, :3])
     assert 0.4 < pose_agreement(turns, [(np.arange(20), camera)]) < 0.6  # (14 / 20)^2
-
-
-def test_no_turns_accuse_nobody() -> None:
-    none = np.zeros(0, dtype=np.int64)
-    turns = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
-    require_setup(turns, none, none, np.zeros((0, 3, 3)))
-
-
-def test_poses_that_have_nothing_in_common_are_refused() -> None:
-    rng = np.random.default_rng(4)
-    turns = RobotTurns(rotations=random_turns(rng, 12), setup="eye-in-hand")
-    with pytest.raises(ConvergenceError, match=r"only \d+ of 66 turns between images agree"):
-        require_same_turns(turns, random_turns(rng, 12))
-    # Too few to tell, or without turns.
-    require_same_turns(
-        RobotTurns(rotations=turns.rotations[:5], setup="eye-in-hand"), random_turns(rng, 5)
-    )
-    still = RobotTurns(rotations=np.tile(np.eye(3), (12, 1, 1)), setup="eye-in-hand")
-    require_same_turns(still, random_turns(rng, 12))
 
 
 def test_worlds_of_their_own_turn_with_one_mounting() -> None:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from handeye_fg.commands.batch import Batch
 from handeye_fg.commands.calibrate import Calibrate
+from handeye_fg.commands.check import Check
 from handeye_fg.commands.compare import Compare
 from handeye_fg.commands.export import Export
 from handeye_fg.commands.plan import PlanPoses
@@ -26,6 +27,7 @@ class Command(Protocol):
 COMMANDS: dict[str, type[Command]] = {
     "calibrate": Calibrate,
     "solve": Solve,
+    "check": Check,
     "report": Report,
     "export": Export,
     "compare": Compare,
@@ -35,4 +37,14 @@ COMMANDS: dict[str, type[Command]] = {
 }
 """Each command under its name, in the order of the help text."""
 
-__all__ = ["COMMANDS", "Calibrate", "Command", "Compare", "Export", "PlanPoses", "Report", "Solve"]
+__all__ = [
+    "COMMANDS",
+    "Calibrate",
+    "Check",
+    "Command",
+    "Compare",
+    "Export",
+    "PlanPoses",
+    "Report",
+    "Solve",
+]

@@ -15,13 +15,15 @@ import pycolmap
 
 from handeye_fg.frames import Array
 from handeye_fg.sfm.model import FEWEST_IMAGES
-from handeye_fg.turns import RobotTurns, agreement, pose_agreement, require_setup
+from handeye_fg.turns import RobotTurns, agreement, pose_agreement
 from handeye_fg.types import Fragment, Indices
 
 # COLMAP's least number of inliers of a pair.
 _FEWEST_MATCHES = 15
 # More pairs add time and no certainty.
 _MOST_PAIRS = 2000
+# A setup is another one if so many times more pairs agree with it.
+_CLEARLY = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,14 +82,18 @@ def turns_of_pairs(database: Path, seed: int) -> PairTurns:
     )
 
 
-def check_setup(database: Path, turns: RobotTurns, seed: int) -> None:
-    """Refuse a setup that the pairs of images contradict.
+def likelier_turns(database: Path, turns: RobotTurns, seed: int) -> RobotTurns:
+    """The robot's turns as they are said to be, or of the other setup, whichever more pairs agree with.
 
-    Raises:
-        InputDataError: they fit the other one.
+    Which of them is right is judged when there is a model; here wrong ones would be in the way of it.
     """
     pairs = turns_of_pairs(database, seed)
-    require_setup(turns, pairs.i, pairs.j, pairs.camera, seed)
+    other = turns.inverted()
+    given, inverse = (
+        agreement(each.between(pairs.i, pairs.j), pairs.camera, seed) for each in (turns, other)
+    )
+    clearly = inverse.agrees.sum() >= _CLEARLY * max(1, given.agrees.sum())
+    return other if inverse.significant and clearly else turns
 
 
 def agreeing_pairs(database: Path, copy: Path, turns: RobotTurns, seed: int) -> bool:

@@ -30,7 +30,7 @@ from handeye_fg.sfm.features import (
     find_features,
     set_cameras,
 )
-from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement
+from handeye_fg.sfm.guided import agreeing_pairs, likelier_turns, model_agreement
 from handeye_fg.sfm.mapping import Rung, largest, map_images, n_registered
 from handeye_fg.sfm.matching import Matcher, matching_summary
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_fragment, to_sfm_model, too_few
@@ -131,8 +131,7 @@ def reconstruct(
         The model; its ``cameras`` are what was used in the end.
 
     Raises:
-        InputDataError: the folder cannot be written, an image cannot be read, or the images turn as
-            the robot would in the other setup.
+        InputDataError: the folder cannot be written, or an image cannot be read.
         ReconstructionError: fewer than 3 images were placed, or COLMAP failed.
     """
     folder, names = Path(folder), tuple(names)
@@ -238,9 +237,10 @@ def _by_robot(task: _Task, found: _Found) -> _Found:
     """The model of the pairs that agree with the robot, where that of all pairs contradicts it."""
     if task.turns is None:
         return found
+    turns = likelier_turns(found.matches.database, task.turns, task.seed)
     main = [] if found.reconstruction is None else [to_fragment(found.reconstruction)]
-    agreement = model_agreement(main, task.names, task.turns)
-    agreeing = None if agreement >= _AGREEMENT else _agreeing(task, found.matches, task.turns)
+    agreement = model_agreement(main, task.names, turns)
+    agreeing = None if agreement >= _AGREEMENT else _agreeing(task, found.matches, turns)
     if agreeing is None:
         return found
     other = _better(
@@ -249,7 +249,7 @@ def _by_robot(task: _Task, found: _Found) -> _Found:
         agreeing,
         Rung(relaxed=True, refine=task.refine),
     )
-    if model_agreement(other.fragments, task.names, task.turns) <= agreement:
+    if model_agreement(other.fragments, task.names, turns) <= agreement:
         return found
     return replace(other, matches=found.matches)  # with all pairs
 
@@ -306,8 +306,6 @@ def _matched(task: _Task, sensitivity: Sensitivity) -> Stage:
     else:
         match_by_robot(matcher, task.names, task.guide, partial(_some, task, stage))
     stage.finish()
-    if task.turns is not None:
-        check_setup(stage.database, task.turns, task.seed)
     return stage
 
 

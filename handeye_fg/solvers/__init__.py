@@ -28,7 +28,7 @@ from handeye_fg.solvers.residuals import (
     row_residuals,
     world_of,
 )
-from handeye_fg.solvers.robust import only, trusted_rows
+from handeye_fg.solvers.robust import Majority, majority, only, trusted_rows
 from handeye_fg.solvers.shah import shah
 from handeye_fg.solvers.solution import Solution, Solver
 from handeye_fg.solvers.tsai_lenz import tsai_lenz
@@ -36,6 +36,7 @@ from handeye_fg.types import LinearStart
 
 __all__ = [
     "METHODS",
+    "Majority",
     "Method",
     "Solution",
     "andreff",
@@ -46,6 +47,7 @@ __all__ = [
     "horaud_dornaika",
     "li",
     "linear_start",
+    "majority",
     "motion_residuals",
     "only",
     "park_martin",

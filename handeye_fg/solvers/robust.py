@@ -96,6 +96,23 @@ class _Candidate:
     limit: Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Majority:
+    """What the rows say that agree best, half of all at least.
+
+    Attributes:
+        gripper_T_camera: X (4, 4), metres.
+        metres_per_world_unit: the scale; not positive where nothing fits.
+        residuals: angles and distances (n, 2) of all rows.
+        several_axes: whether robot and camera turn about two axes or more.
+    """
+
+    gripper_T_camera: Array
+    metres_per_world_unit: float
+    residuals: Array
+    several_axes: bool
+
+
 def only(data: PosePairs | MotionPairs, rows: Rows | Indices) -> PosePairs | MotionPairs:
     """Some of the rows."""
     weights = np.asarray(data.weights)[rows]
@@ -128,28 +145,74 @@ def trusted_rows(data: PosePairs | MotionPairs, *, scale_known: bool, seed: int 
     everything = np.ones(len(data), dtype=bool)
     # Rows that repeat each other agree whatever X is: one of them speaks for all.
     distinct = _distinct(data)
-    size = 3 if isinstance(data, PosePairs) else 2
-    fewest = size + _REDUNDANT
-    if len(distinct) <= fewest:
+    if len(distinct) <= _fewest(data):
         return everything
-    rows = only(data, distinct)
-    problem = _Problem(
-        data=rows,
-        turning=turning_of(as_motions(rows)),
-        scale_known=scale_known,
-        majority=max(len(rows) // 2, fewest),
-        floor=_rounding(rows),
-    )
-    samples = _samples(len(rows), size, np.random.default_rng(seed))
-    best = _best(problem, _sample_fits(problem, samples))
+    problem = _problem(only(data, distinct), scale_known=scale_known)
+    best = _searched(problem, seed)
     if best is None or not _credible(problem, best):
         return everything
-    X, scale = best.fit.gripper_T_camera, best.fit.metres_per_world_unit
-    [fit] = _fits(data, distinct[best.rows][None], X[None], np.array([scale]))
+    fit = _of_all(data, distinct, best)
     trusted = _relative(fit.residuals, best.limit) <= 1.0
     if isinstance(data, PosePairs):
         trusted = _along_sequence(data, fit, trusted, problem.floor)
     return trusted
+
+
+def majority(data: PosePairs | MotionPairs, *, scale_known: bool, seed: int = 0) -> Majority | None:
+    """What the rows say that agree best, credible or not; None where every sample has a negative scale.
+
+    Args:
+        data: poses, or motions, three or more.
+        scale_known: whether the camera's translations are in metres.
+        seed: of the samples.
+    """
+    distinct = _distinct(data)
+    if len(distinct) < _sample_size(data):
+        distinct = np.arange(len(data))
+    problem = _problem(only(data, distinct), scale_known=scale_known)
+    best = _searched(problem, seed)
+    if best is None:
+        return None
+    fit = _of_all(data, distinct, best)
+    return Majority(
+        gripper_T_camera=fit.gripper_T_camera,
+        metres_per_world_unit=fit.metres_per_world_unit,
+        residuals=fit.residuals,
+        several_axes=problem.turning == "general",
+    )
+
+
+def _sample_size(data: PosePairs | MotionPairs) -> int:
+    """The rows that determine X."""
+    return 3 if isinstance(data, PosePairs) else 2
+
+
+def _fewest(data: PosePairs | MotionPairs) -> int:
+    return _sample_size(data) + _REDUNDANT
+
+
+def _problem(rows: PosePairs | MotionPairs, *, scale_known: bool) -> _Problem:
+    return _Problem(
+        data=rows,
+        turning=turning_of(as_motions(rows)),
+        scale_known=scale_known,
+        majority=min(len(rows), max(len(rows) // 2, _fewest(rows))),
+        floor=_rounding(rows),
+    )
+
+
+def _searched(problem: _Problem, seed: int) -> _Candidate | None:
+    """The best candidate from samples."""
+    size = _sample_size(problem.data)
+    samples = _samples(len(problem.data), size, np.random.default_rng(seed))
+    return _best(problem, _sample_fits(problem, samples))
+
+
+def _of_all(data: PosePairs | MotionPairs, distinct: Indices, best: _Candidate) -> _Fit:
+    """The fit of a candidate among distinct rows, with the residuals of all rows."""
+    X, scale = best.fit.gripper_T_camera, best.fit.metres_per_world_unit
+    [fit] = _fits(data, distinct[best.rows][None], X[None], np.array([scale]))
+    return fit
 
 
 def _distinct(data: PosePairs | MotionPairs) -> Indices:

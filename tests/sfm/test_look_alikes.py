@@ -8,10 +8,9 @@ import pycolmap
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.errors import InputDataError
 from handeye_fg.progress import silent
 from handeye_fg.sfm import complete
-from handeye_fg.sfm.guided import agreeing_pairs, check_setup, model_agreement, turns_of_pairs
+from handeye_fg.sfm.guided import agreeing_pairs, likelier_turns, model_agreement, turns_of_pairs
 from handeye_fg.sfm.mapping import Rung, map_images
 from handeye_fg.sfm.model import to_fragment
 from handeye_fg.sfm.tracks import _fill as fill_with_tracks
@@ -117,10 +116,11 @@ def test_the_robot_tells_look_alikes_from_right_pairs(
     assert model_agreement([to_fragment(found)], scene.model.names, turns_of(scene)) > 0.99
 
 
-def test_pairs_of_the_other_setup_are_refused(scene: Scene, look_alikes: Path) -> None:
-    check_setup(look_alikes, turns_of(scene), 0)
-    with pytest.raises(InputDataError, match="images fit --setup eye-in-hand"):
-        check_setup(look_alikes, turns_of(scene).inverted(), 0)
+def test_pairs_tell_the_setup(scene: Scene, look_alikes: Path) -> None:
+    """A wrong one must not stand in the way of the right model: it is told when there is one."""
+    right = turns_of(scene)
+    assert likelier_turns(look_alikes, right, 0) is right
+    assert likelier_turns(look_alikes, right.inverted(), 0).setup == right.setup
 
 
 def test_no_copy_where_nothing_agrees(scene: Scene, look_alikes: Path, tmp_path: Path) -> None:
