@@ -1,5 +1,6 @@
 """Image and mask files: what is in a folder, whether it can be decoded, and pairing by name."""
 
+import logging
 import struct
 import warnings
 import zlib
@@ -17,10 +18,16 @@ from handeye_fg.io.fields import reason, shown
 from handeye_fg.looks import Look, look_at
 from handeye_fg.progress import Progress, silent
 
-SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
+_log = logging.getLogger(__name__)
+
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff")
 
 # More images of another size than this part are no slip: then it is not clear which size is meant.
 _MOST_OF_OTHER_SIZE = 0.2
+# Pillow's modes of integers and numbers of 32 bits.
+_TOO_DEEP = ("F", "I")
+_ORIENTATION, _UPRIGHT = 0x0112, 1  # an EXIF tag
+
 # What Pillow's decoders raise on damaged files.
 _DAMAGED = (
     OSError,
@@ -51,7 +58,7 @@ class Pairing:
 
 
 def list_images(folder: Path) -> tuple[str, ...]:
-    """Names of the JPEG, PNG, TIFF and BMP files of a folder, sorted.
+    """Names of the JPEG, PNG, TIFF, BMP, PGM and PPM files of a folder, sorted.
 
     Files are chosen by suffix in upper or lower case. Subfolders and hidden files are left out.
 
@@ -167,15 +174,24 @@ def read_image_set(folder: Path, names: Sequence[str], progress: Progress = sile
     looks: dict[str, Look] = {}
     sizes: dict[str, tuple[int, int]] = {}
     damaged: dict[str, InputDataError] = {}
+    tagged: list[str] = []
     for k, name in enumerate(names):
         try:
             image = _decoded(folder / name, "image")
+            tagged += [name] if image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT else []
             sizes[name], looks[name] = image.size, look_at(_grey(image))
         except InputDataError as error:
             damaged[name] = error
         progress("images", k + 1, len(names))
     if not looks:
         raise damaged[names[0]]
+    if tagged:
+        _log.warning(
+            "%d images, %s first, have a tag that says how to turn them for display; they are used as stored, and "
+            "the camera file must be for stored images (OpenCV turns them when it reads them)",
+            len(tagged),
+            tagged[0],
+        )
     size, n_of_size = Counter(sizes.values()).most_common(1)[0]
     usual = next(name for name in looks if sizes[name] == size)
     other = [name for name in looks if sizes[name] != size]
@@ -269,7 +285,13 @@ def _decoded(path: Path, what: str) -> Image.Image:
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as image:
                 image.load()
-                return image.convert("L") if what == "mask" else image
+                if what == "mask":
+                    return image.convert("L")
+                if image.mode in _TOO_DEEP:
+                    raise InputDataError(
+                        f"{what} {path}: pixels of 32 bits, but 8 or 16 were wanted; save it again with 16"
+                    )
+                return image
     except FileNotFoundError as error:
         raise InputDataError(f"{what} {path}: no such file; check the name") from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:

@@ -23,6 +23,7 @@ from handeye_fg.sfm.cache import (
     stored_model,
 )
 from handeye_fg.sfm.database import begin_matching, content_of, described
+from handeye_fg.sfm.eight_bit import readable
 from handeye_fg.sfm.features import (
     SENSITIVE,
     STRICT,
@@ -65,7 +66,7 @@ class _Task:
 
     stages: Path
     images: Path
-    files: Mapping[str, tuple[str, str | None]]
+    files: Mapping[str, Sequence[str | None]]
     cameras: Mapping[str, CameraModel] | None
     masks: Path | None
     options: SfmOptions
@@ -151,10 +152,12 @@ def reconstruct(
         progress("registered", len(model.names), len(names))
         return model
     check_replaceable(folder)
+    stages = prepare(folder.parent / "stages")
+    images, contents = readable(stages, images, files)
     task = _Task(
-        stages=prepare(folder.parent / "stages"),
+        stages=stages,
         images=images,
-        files=files,
+        files=contents,
         cameras=cameras,
         masks=masks,
         options=options,

@@ -83,10 +83,13 @@ def find_target(
 
 def _grey(path: Path) -> Grey:
     """The image as stored: an orientation tag is not applied, as nowhere in this package."""
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imread(str(path), flags)
     if image is None:
         raise InputDataError(f"image {path}: cannot be decoded; copy it again or leave it out")
-    return np.asarray(image, dtype=np.uint8)
+    # Of more than 8 bits the upper ones that are used.
+    unused = max(int(image.max()).bit_length() - 8, 0)
+    return np.right_shift(image, unused).astype(np.uint8)
 
 
 def detector(pattern: Pattern) -> Detector:

@@ -221,3 +221,24 @@ def test_names_that_are_not_unicode_can_be_listed_and_shown(tmp_path: Path) -> N
     assert list_images(tmp_path) == (name,)
     with pytest.raises(InputDataError, match="udcff"):
         pair_names(list_images(tmp_path), ["a.png"])
+
+
+def test_tags_that_would_turn_images_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    image(tmp_path / "a.jpg")
+    read_image_set(tmp_path, ["a.jpg"])
+    assert not caplog.records
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    Image.new("RGB", (32, 24)).save(tmp_path / "b.jpg", exif=exif)
+    read_image_set(tmp_path, ["a.jpg", "b.jpg"])
+    assert "1 images, b.jpg first, have a tag" in caplog.text
+    assert "used as stored" in caplog.text
+
+
+@pytest.mark.parametrize("mode", ["F", "I"])
+def test_pixels_of_32_bits_are_refused(tmp_path: Path, mode: str) -> None:
+    Image.new(mode, (32, 24)).save(tmp_path / "a.tif")
+    with pytest.raises(InputDataError, match=r"a\.tif: pixels of 32 bits, but 8 or 16 were wanted"):
+        check_image(tmp_path / "a.tif")
