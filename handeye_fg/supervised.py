@@ -22,7 +22,7 @@ from handeye_fg.console import say, stderr_console
 # What takes long; the rest is run in this process.
 _LONG = ("calibrate",)
 # What an interrupted child may take to end by itself.
-_GRACE_S = 1.0
+_GRACE_S = 0.5
 _ORPHANED = 143
 _CONTINUE = "The same command continues where this run ended."
 

@@ -27,7 +27,8 @@ class Calibrate:
     """Calibrate from a folder of images and the robot's poses.
 
     Flags win over the file given with --config, which wins over the defaults. Writes result.json,
-    report.html, config.toml (the options as used) and sfm/ (the reconstruction) to --output.
+    report.html, config.toml (the options as used) and sfm/ (the reconstruction) to --output, and stages/, from
+    which the same command continues after an interruption.
     """
 
     images: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="IMAGES")]

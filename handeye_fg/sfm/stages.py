@@ -16,6 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import pycolmap
+
 from handeye_fg.errors import InputDataError
 
 DATABASE = "database.db"
@@ -142,11 +144,17 @@ def _stages(stages: Path, kind: str) -> list[Stage]:
         if named.fullmatch(folder.name):
             try:
                 found.append(_read(folder))
-            except (OSError, ValueError, LookupError, TypeError):
+            except (OSError, RuntimeError, ValueError, LookupError, TypeError):
                 continue  # damaged, or of another version
     return found
 
 
 def _read(folder: Path) -> Stage:
     about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
-    return Stage(folder=folder, key=dict(about["key"]), facts=dict(about["facts"]))
+    stage = Stage(folder=folder, key=dict(about["key"]), facts=dict(about["facts"]))
+    images = {**stage.key, **stage.facts}.get("images")
+    if images is not None and stage.database.exists():
+        with pycolmap.Database.open(stage.database) as db:
+            if db.num_images() != len(images):
+                raise ValueError(f"{stage.database} is damaged")
+    return stage

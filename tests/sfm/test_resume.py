@@ -161,6 +161,17 @@ def test_one_image_or_mask_that_changed_is_done_again_with_its_pairs(
     assert same(again.model, fresh[0].model)
 
 
+def test_a_damaged_stage_is_made_again(images: Path, fresh: tuple[Run, Path], out: Path) -> None:
+    shutil.rmtree(out / "sfm")
+    for database in (out / "stages").glob("*/database.db"):
+        database.write_bytes(b"" if "matches" in database.parent.name else b"no database" * 1000)
+    (out / "stages" / ".part-of-a-killed-run").mkdir()
+    run = Run(images, out)
+    assert run.found["features"] == 0
+    assert same(run.model, fresh[0].model)
+    assert not list((out / "stages").glob(".*"))
+
+
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
