@@ -46,7 +46,13 @@ if TYPE_CHECKING:
     )
     from handeye_fg.pipeline import calibrate
     from handeye_fg.planning import Plan, Workspace, plan, plan_first, read_arm
-    from handeye_fg.report import render_report, summary_text, write_report
+    from handeye_fg.report import (
+        markdown_text,
+        render_report,
+        summary_text,
+        write_figures,
+        write_report,
+    )
     from handeye_fg.synthetic_set import write_scene
     from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
 
@@ -88,6 +94,7 @@ __all__ = [
     "compare",
     "export",
     "load_result",
+    "markdown_text",
     "plan",
     "plan_first",
     "read_arm",
@@ -97,6 +104,7 @@ __all__ = [
     "render_report",
     "solve",
     "summary_text",
+    "write_figures",
     "write_poses",
     "write_report",
     "write_scene",
@@ -121,7 +129,10 @@ _HOME = {
     "solve": "from_poses",
     "write_poses": "io.poses",
     "write_scene": "synthetic_set",
-    **dict.fromkeys(("render_report", "summary_text", "write_report"), "report"),
+    **dict.fromkeys(
+        ("markdown_text", "render_report", "summary_text", "write_figures", "write_report"),
+        "report",
+    ),
     **dict.fromkeys(("CameraModel", "RobotPoses", "SfmModel", "Tracks"), "types"),
     **dict.fromkeys(
         (

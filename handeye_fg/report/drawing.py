@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -99,8 +99,8 @@ class Drawing:
             f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{label}">{body}'
         )
 
-    def content(self, form: Literal["svg", "png"]) -> bytes:
-        """The drawing as a file, on white."""
+    def content(self, form: str) -> bytes:
+        """The drawing as a file, on white: "svg" or "png"."""
         text = _svg(self.figure)
         if form == "svg":
             for stand_in, colour in _ON_PAPER.items():
@@ -156,7 +156,8 @@ def _on_paper(colour: Any) -> Any:
     names = [to_hex(row) for row in rgba]
     if not names or not all(name in _ON_PAPER for name in names):
         return None
-    return [(*to_rgb(_ON_PAPER[name]), row[3]) for name, row in zip(names, rgba, strict=True)]
+    found = [(*to_rgb(_ON_PAPER[name]), row[3]) for name, row in zip(names, rgba, strict=True)]
+    return found[0] if len(found) == 1 else found
 
 
 def bars(axes: Any, images: Sequence[ImageReport], values: Sequence[float], label: str) -> None:
