@@ -96,9 +96,13 @@ class Verdict:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the poses may be right, but another reading is likelier by far."""
-        ahead = self.tried[0].evidence.log_likelihood - self.given.evidence.log_likelihood
-        return self.kind == "undecided" and ahead > _DOUBTFUL
+        """Whether the poses may be right, but another reading is likelier by far.
+
+        Never of turns about fewer than two axes: so many readings fit them that chance prefers one.
+        """
+        given = self.given.evidence
+        ahead = self.tried[0].evidence.log_likelihood - given.log_likelihood
+        return self.kind == "undecided" and given.several_axes and ahead > _DOUBTFUL
 
     @property
     def _mounted_as_said(self) -> bool:
