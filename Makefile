@@ -27,7 +27,7 @@ demo: .env-demo/done .env-demo/package
 	touch $@
 
 test: .env-test/done
-	.env-test/bin/python -m pytest --cov --cov-report=term-missing:skip-covered
+	OMP_NUM_THREADS=1 .env-test/bin/python -m pytest -n auto --dist worksteal --cov --cov-report=term-missing:skip-covered
 
 .env-test/done: pyproject.toml
 	$(PYTHON) -m venv .env-test

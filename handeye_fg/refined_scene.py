@@ -1,10 +1,10 @@
 """From a refinement to the scene that pictures are made of; entry point ``refined_scene``."""
 
-import io
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from PIL import Image
 
@@ -85,6 +85,10 @@ def _thumbnail(path: Path) -> bytes:
             eight = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)) if deep else image
             small = eight.convert("RGB")
     small.thumbnail(_THUMBNAIL)
-    buffer = io.BytesIO()
-    small.save(buffer, "JPEG", quality=_QUALITY)
-    return buffer.getvalue()
+    # Not with Pillow, whose writers are not safe where COLMAP's library was loaded before it.
+    done, data = cv2.imencode(
+        ".jpg", np.asarray(small)[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
+    )
+    if not done:
+        raise ValueError(f"{path} cannot be encoded")
+    return data.tobytes()

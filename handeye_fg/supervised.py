@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] not in _LONG or {"-h", "--help"} & {*arguments}:
+        _hear_interrupts()
         return run(arguments)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the child's, until it can handle one
     child = subprocess.Popen(
@@ -45,8 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         stdin=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
-    # Shells start what they put in the background with interrupts ignored; one that comes was meant.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    _hear_interrupts()
     try:
         code = child.wait()
     except KeyboardInterrupt:
@@ -55,6 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     say(stderr_console(), f"{PROGRAM}: error: {_why(-code)}")
     return EXIT_FAILED
+
+
+def _hear_interrupts() -> None:
+    """Shells start what they put in the background with interrupts ignored; one that comes was meant."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _interrupted(child: "subprocess.Popen[bytes]") -> int:

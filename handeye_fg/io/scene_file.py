@@ -71,7 +71,7 @@ def write_scene(scene: RefinedScene, folder: Path) -> Path:
     """
     names = list(scene.thumbnails)
     buffer = io.BytesIO()
-    np.savez_compressed(
+    np.savez(
         buffer,
         points=scene.points.astype(np.float32),
         image=scene.image.astype(np.int32),

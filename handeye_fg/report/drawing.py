@@ -10,7 +10,9 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import png  # type: ignore[import-untyped]  # it has no annotations
 from markupsafe import Markup, escape
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.figure import Figure
 
@@ -56,6 +58,7 @@ _STYLE: dict[Any, Any] = {
     "savefig.facecolor": "none",
 }
 MOST_NAMES = 40
+_DPI = 150  # of figures in pixels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,11 +133,15 @@ def _png(figure: Figure) -> bytes:
     """Pixels in which each stand-in, a shade of black, is its colour on paper."""
     for artist in figure.findobj():
         _recolour(artist)
-    buffer = io.BytesIO()
+    figure.set_dpi(_DPI)
+    figure.set_facecolor("white")
+    canvas = FigureCanvasAgg(figure)
     with style():
-        figure.savefig(
-            buffer, format="png", dpi=150, facecolor="white", metadata={"Software": None}
-        )
+        canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib's
+    pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]  # likewise
+    buffer = io.BytesIO()
+    # Not with Pillow, whose PNG writer breaks where COLMAP's library was loaded before it.
+    png.from_array(pixels.reshape(len(pixels), -1), "RGB").write(buffer)
     return buffer.getvalue()
 
 

@@ -4,6 +4,13 @@ Entry points: ``reconstruct`` (images to a model), ``complete`` (images that it 
 ``read_model`` (an existing COLMAP model), ``write_model`` (a model of ours as files) and ``write_metric`` (a model in metres for others).
 """
 
+# zlib must find its own functions before COLMAP's library brings others of their name
+import zlib
+
+_compressor = zlib.compressobj()
+_compressor.compress(b"")
+_compressor.flush()
+
 from handeye_fg.sfm.completion import complete
 from handeye_fg.sfm.metric import write_metric
 from handeye_fg.sfm.model import FEWEST_IMAGES, ModelSource, read_model, read_model_poses
