@@ -10,6 +10,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from handeye_fg import frames
+from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.camera_results import (
     CameraReport,
@@ -112,7 +113,8 @@ def _scripts(shown: object) -> list[Markup]:
 def _copies(result: Result) -> list[tuple[str, str]]:
     """X in the forms that people paste, each under its name."""
     forms = [("Matrix (Python)", _python_text(result.matrix))]
-    return forms + [(title, export_text(result, form)) for form, title in _COPIED.items()]
+    first = ExportOptions(camera=result.cameras[0].name if result.cameras else "")
+    return forms + [(title, export_text(result, form, first)) for form, title in _COPIED.items()]
 
 
 def _context(result: Result) -> dict[str, object]:

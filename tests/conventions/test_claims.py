@@ -68,7 +68,7 @@ def calibrated(images, poses, scene, **options):
         (
             Convention(rotation="ZYX", angles="rad"),
             ANGLES,
-            {"format": "kuka", "units": "m"},
+            {"format": "kuka", "units": "m", "angles": "deg"},
             "--angles rad",
         ),
         (

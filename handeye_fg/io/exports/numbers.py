@@ -2,8 +2,8 @@
 
 import json
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from handeye_fg.errors import InputDataError
@@ -14,6 +14,9 @@ from handeye_fg.io.results import parent_frame
 from handeye_fg.lens import lens_of
 from handeye_fg.types import CameraModel
 
+if TYPE_CHECKING:
+    import cv2
+
 _COVARIANCE = (
     "Covariance of the camera's pose: order (rotation, translation), right perturbation in the optical frame, "
     "X = mean Exp(xi), radians and metres."
@@ -23,6 +26,8 @@ _AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 def opencv(cameras: Sequence[Placed]) -> str:
     """FileStorage in YAML, with the names of calibrateHandEye and of camera files."""
+    import cv2  # noqa: PLC0415  # a page of pose pairs does without it
+
     camera = one(cameras, "a file of OpenCV")
     storage = cv2.FileStorage(
         "export.yaml",
@@ -46,7 +51,7 @@ def opencv(cameras: Sequence[Placed]) -> str:
     return text
 
 
-def _write_intrinsics(storage: cv2.FileStorage, camera: CameraModel) -> None:
+def _write_intrinsics(storage: "cv2.FileStorage", camera: CameraModel) -> None:
     lens = lens_of(camera)
     K = np.eye(3)
     K[[0, 1], [0, 1]] = lens.focal
