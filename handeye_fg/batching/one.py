@@ -60,9 +60,9 @@ def main() -> None:
 
 def _calibrated(order: Order) -> tuple[str, str]:
     from handeye_fg.from_model import refine  # noqa: PLC0415  # first the watch, then what takes seconds
-    from handeye_fg.io.config import write_config  # noqa: PLC0415
-    from handeye_fg.pipeline import calibrate  # noqa: PLC0415
-    from handeye_fg.report import write_report  # noqa: PLC0415
+    from handeye_fg.io.config import write_config  # noqa: PLC0415  # heavy
+    from handeye_fg.pipeline import calibrate  # noqa: PLC0415  # heavy
+    from handeye_fg.report import write_report  # noqa: PLC0415  # heavy
 
     options, output = read_config(Path(order.config)), Path(order.output)
     if order.model is not None:

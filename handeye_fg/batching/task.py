@@ -100,7 +100,7 @@ def _done(job: Job, row: Row, scratch: Path, wanted: Callable[[], bool]) -> Row:
     with _folder(job, scratch, wanted) as (folder, lock):
         record = _record(folder / RECORD)
         if record.get("digest") == digest and record.get("status") in ("ok", "partial"):
-            row = replace(row, kept=True, seconds=float(record["seconds"]))  # type: ignore[arg-type]
+            row = replace(row, kept=True, seconds=float(record["seconds"]))  # type: ignore[arg-type]  # JSON
         else:
             since = time.perf_counter()
             for stale in (RECORD, FILE_NAME, REPORT_NAME, LOG):

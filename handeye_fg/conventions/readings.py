@@ -250,7 +250,7 @@ def _of_quaternions() -> list[Reading]:
 def _angles_of(kind: str, rotation: Rotation) -> Array:
     if kind == "vector":
         return np.asarray(rotation.as_rotvec())
-    return np.asarray(rotation.as_euler(kind, suppress_warnings=True))  # type: ignore[call-overload]
+    return np.asarray(rotation.as_euler(kind, suppress_warnings=True))  # type: ignore[call-overload]  # literals
 
 
 def _of_angles() -> list[Reading]:

@@ -29,7 +29,7 @@ def _angles(written: str, read: str) -> Way:
     """Angles about three axes taken for others."""
 
     def convert(poses: Array) -> Array:
-        numbers = Rotation.from_matrix(poses[:, :3, :3]).as_euler(written)  # type: ignore[call-overload]
+        numbers = Rotation.from_matrix(poses[:, :3, :3]).as_euler(written)  # type: ignore[call-overload]  # literals
         return _turned(poses, Rotation.from_euler(read, numbers))
 
     return convert

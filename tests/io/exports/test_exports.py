@@ -98,7 +98,7 @@ def of_xacro(text: str) -> tuple[Array, str, str]:
     robot = (
         '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="{}"/>{}</robot>'
     )
-    parent = ET.fromstring(text).find("joint/parent").attrib["link"]  # type: ignore[union-attr]
+    parent = ET.fromstring(text).find("joint/parent").attrib["link"]  # type: ignore[union-attr]  # there
     inside = text[text.index("<robot") :]
     inside = inside[inside.index(">") + 1 : inside.rindex("</robot>")]
     document = xacro.parse(robot.format(parent, inside))
@@ -306,7 +306,7 @@ def test_nerfstudio() -> None:
     content = json.loads(export_text(result, "nerfstudio", hf.ExportOptions(images="../rgb")))
     assert content["camera_model"] == "OPENCV"
     assert [content[k] for k in ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2")] == (
-        result.camera.params.tolist()  # type: ignore[union-attr]
+        result.camera.params.tolist()  # type: ignore[union-attr]  # it has one
     )
     assert (content["w"], content["h"]) == (1280, 960)
     placed = {image.name: image.base_T_camera for image in result.images if image.registered}
@@ -335,7 +335,7 @@ def test_eye_to_hand_has_its_scene_in_the_gripper() -> None:
     assert "p_gripper = transform_matrix p_camera" in content["comment"]
     np.testing.assert_allclose(
         np.array(content["frames"][0]["transform_matrix"])[:, 3],
-        images[0].base_T_camera[:, 3],  # type: ignore[index]
+        images[0].base_T_camera[:, 3],  # type: ignore[index]  # placed
     )
     with pytest.raises(hf.InputDataError, match="the camera stands still in the base"):
         export_text(result, "tum")
