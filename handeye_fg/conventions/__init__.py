@@ -5,7 +5,8 @@
 """
 
 from handeye_fg.conventions.files import file_readings
-from handeye_fg.conventions.readings import AS_GIVEN, Reading, converted, readings
+from handeye_fg.conventions.reading import Reading
+from handeye_fg.conventions.readings import AS_GIVEN, converted, readings
 from handeye_fg.conventions.verdict import Judged, Verdict, judge
 from handeye_fg.conventions.wording import remedy, sentence, table
 

@@ -10,7 +10,8 @@ from typing import get_args
 
 import numpy as np
 
-from handeye_fg.conventions.readings import USUAL_ANGLES, Conversion, Reading, angle_words
+from handeye_fg.conventions.reading import Conversion, Reading
+from handeye_fg.conventions.rotations import USUAL_ANGLES, angle_words
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.poses import Convention, PoseFile

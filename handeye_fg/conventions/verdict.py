@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from handeye_fg.conventions.evidence import Evidence, evidence_of, extent_of
 from handeye_fg.conventions.parts import Parts, parts_of
-from handeye_fg.conventions.readings import UNITS, Reading, converted, readings
+from handeye_fg.conventions.reading import Reading
+from handeye_fg.conventions.readings import converted, readings
 from handeye_fg.conventions.screening import likely
 from handeye_fg.conventions.sizes import Sizes, unit_of
+from handeye_fg.conventions.whole_poses import UNITS
 from handeye_fg.frames import Array, inverse
 from handeye_fg.types import Indices, RobotPoses, Setup
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from handeye_fg.conventions.evidence import Evidence
-from handeye_fg.conventions.readings import UNITS
 from handeye_fg.conventions.sizes import UNIT_WORDS
 from handeye_fg.conventions.verdict import Judged, Verdict
+from handeye_fg.conventions.whole_poses import UNITS
 
 _OTHER = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
 _MOST_ALIKE = 4
