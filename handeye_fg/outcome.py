@@ -221,6 +221,7 @@ def _holdout(model: SfmModel, final: Refinement) -> HoldoutReport | None:
                 rotation=float(lengths[place[pose], 0]),
                 translation=float(lengths[place[pose], 1]),
                 reprojection_rms=_known(found.reprojection_rms[pose]),
+                expected_reprojection=_known(found.expected_reprojection[pose]),
             )
             for name, pose in zip(model.names, final.state.rig.pose.tolist(), strict=True)
             if pose in place
@@ -231,13 +232,15 @@ def _holdout(model: SfmModel, final: Refinement) -> HoldoutReport | None:
         expected_translation=float(found.expected[1]),
         normalised=found.normalised,
         probability=found.probability,
+        within=_known(found.within),
     )
 
 
 def _proof(found: HoldoutReport) -> str:
     """What the held-out poses prove, in words."""
-    pixels = found.reprojection_rms
-    seen = "" if pixels is None else f", which moves points by {_plain(pixels)} px"
+    pixels, expected_pixels = found.reprojection_rms, found.expected_reprojection
+    seen = "" if pixels is None else f", and their points to {_plain(pixels)} px"
+    expected = "" if expected_pixels is None else f" and {_plain(expected_pixels)} px"
     verdict = (
         "as the uncertainty lets expect"
         if found.probability >= _FALSE_ALARM
@@ -246,7 +249,7 @@ def _proof(found: HoldoutReport) -> str:
     return (
         f"X predicts the robot poses of {len(found.images)} images that were kept out of it to "
         f"{np.rad2deg(found.rotation):.2g} deg and {1e3 * found.translation:.2g} mm{seen}; "
-        f"{np.rad2deg(found.expected_rotation):.2g} deg and {1e3 * found.expected_translation:.2g} mm are to be "
+        f"{np.rad2deg(found.expected_rotation):.2g} deg, {1e3 * found.expected_translation:.2g} mm{expected} are to be "
         f"expected: {verdict} (p = {found.probability:.2g})."
     )
 

@@ -44,9 +44,14 @@ def test_held_out_poses_have_no_part_in_x():
     assert result.holdout.probability > 1e-3
     assert spoilt.holdout.probability < 1e-6
     assert "as the uncertainty lets expect" in result.message
+    assert f"{result.holdout.expected_reprojection:.2g} px are to be expected" in result.message
     assert "more than the uncertainty explains" in spoilt.message
     assert not any(image.outlier for image in spoilt.images)
     assert spoilt.holdout.reprojection_rms > 3.0 * result.holdout.reprojection_rms
+    assert spoilt.holdout.expected_reprojection == pytest.approx(
+        result.holdout.expected_reprojection, rel=0.01
+    )
+    assert spoilt.holdout.within < 0.5 < result.holdout.within
     reasons = {image.name: image.reason for image in result.images}
     assert all("kept out of X" in reasons[name] for name in held)
     assert sum(bool(reason) for reason in reasons.values()) == 4
@@ -62,6 +67,8 @@ def test_there_and_back(tmp_path):
     assert [one.name for one in again.images] == [one.name for one in result.holdout.images]
     assert again.rotation == pytest.approx(result.holdout.rotation)
     assert again.expected_translation == pytest.approx(result.holdout.expected_translation)
+    assert again.expected_reprojection == pytest.approx(result.holdout.expected_reprojection)
+    assert again.within == result.holdout.within
     assert calibrated(2, holdout=0.0).holdout is None
 
 
@@ -81,15 +88,24 @@ def test_held_out_poses_are_spread():
 
 @pytest.mark.slow
 @pytest.mark.simulation
-def test_errors_are_as_large_as_expected():
-    """The probability is uniform, and the errors' mean squares are those expected, for a noisy arm."""
+@pytest.mark.parametrize("arm", [0.1, 0.01])
+def test_errors_are_as_large_as_expected(arm):
+    """The probability is uniform, and the errors' mean squares are those expected.
+
+    For a noisy arm, and for one whose noise moves points no more than that of the features does.
+    """
     found = [
-        calibrated(seed, robot_rotation_sigma=np.deg2rad(0.1), robot_translation_sigma=1e-3).holdout
+        calibrated(
+            seed, robot_rotation_sigma=np.deg2rad(arm), robot_translation_sigma=1e-2 * arm
+        ).holdout
         for seed in range(30)
     ]
     assert stats.kstest([one.probability for one in found], "uniform").pvalue > 1e-3
     # 30 runs of 12 components: standard error of a root mean square 4 %.
-    rotation = np.mean([(one.rotation / one.expected_rotation) ** 2 for one in found])
-    translation = np.mean([(one.translation / one.expected_translation) ** 2 for one in found])
-    assert 0.8 < np.sqrt(rotation) < 1.2
-    assert 0.8 < np.sqrt(translation) < 1.2
+    for name in ("rotation", "translation"):
+        squares = [(getattr(one, name) / getattr(one, f"expected_{name}")) ** 2 for one in found]
+        assert 0.8 < np.sqrt(np.mean(squares)) < 1.2
+    # Points of an image move together: no more than the 24 components of four poses are independent.
+    pixels = [(one.reprojection_rms / one.expected_reprojection) ** 2 for one in found]
+    assert 0.85 < np.sqrt(np.mean(pixels)) < 1.15
+    assert 0.92 < np.mean([one.within for one in found]) < 0.98

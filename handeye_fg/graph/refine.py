@@ -305,6 +305,7 @@ def refine(
                 fit.solution,
                 fit.state,
                 kept.tracks,
+                kept.sigma_scale,
                 base_T_gripper,
                 result.residuals,
             )

@@ -1,6 +1,7 @@
 """How X predicts what was kept out of it, and its form in ``result.json``: the key ``holdout``."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from handeye_fg.io.checks import check_finite
@@ -19,12 +20,14 @@ class HeldOutImage:
             radians and metres.
         reprojection_rms: of its points, seen from where robot pose and X have the camera, pixels; None
             without points.
+        expected_reprojection: the same as the uncertainty of X, images and robot lets expect.
     """
 
     name: str
     rotation: float
     translation: float
     reprojection_rms: float | None
+    expected_reprojection: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("rotation", "translation"):
@@ -42,6 +45,7 @@ class HoldoutReport:
         normalised: mean square of the errors in their own standard deviations, all together: 1 on average
             where the uncertainty is right.
         probability: of a larger one by chance.
+        within: part of all points that are, seen so, in their ellipse of 95 %; None without points.
     """
 
     images: tuple[HeldOutImage, ...]
@@ -51,6 +55,7 @@ class HoldoutReport:
     expected_translation: float
     normalised: float
     probability: float
+    within: float | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -66,8 +71,17 @@ class HoldoutReport:
     @property
     def reprojection_rms(self) -> float | None:
         """Root mean square of that of the images, pixels."""
-        known = [one.reprojection_rms for one in self.images if one.reprojection_rms is not None]
-        return math.sqrt(sum(value**2 for value in known) / len(known)) if known else None
+        return _root_mean_square([one.reprojection_rms for one in self.images])
+
+    @property
+    def expected_reprojection(self) -> float | None:
+        """Likewise of what is to be expected."""
+        return _root_mean_square([one.expected_reprojection for one in self.images])
+
+
+def _root_mean_square(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return math.sqrt(sum(value**2 for value in known) / len(known)) if known else None
 
 
 def holdout_document(report: HoldoutReport) -> Document:
@@ -78,6 +92,8 @@ def holdout_document(report: HoldoutReport) -> Document:
         "expected_rotation_deg": math.degrees(report.expected_rotation),
         "expected_translation_mm": 1e3 * report.expected_translation,
         "reprojection_px": report.reprojection_rms,
+        "expected_reprojection_px": report.expected_reprojection,
+        "within_95": report.within,
         "normalised": report.normalised,
         "probability": report.probability,
         "images": [
@@ -86,6 +102,7 @@ def holdout_document(report: HoldoutReport) -> Document:
                 "rotation_deg": math.degrees(one.rotation),
                 "translation_mm": 1e3 * one.translation,
                 "reprojection_px": one.reprojection_rms,
+                "expected_reprojection_px": one.expected_reprojection,
             }
             for one in report.images
         ],
@@ -105,6 +122,7 @@ def read_holdout(fields: Fields) -> HoldoutReport:
                 rotation=math.radians(one.number("rotation_deg")),
                 translation=1e-3 * one.number("translation_mm"),
                 reprojection_rms=one.optional_number("reprojection_px"),
+                expected_reprojection=one.optional_number("expected_reprojection_px"),
             )
             for one in fields.mappings("images")
         ),
@@ -114,4 +132,5 @@ def read_holdout(fields: Fields) -> HoldoutReport:
         expected_translation=1e-3 * fields.number("expected_translation_mm"),
         normalised=fields.number("normalised"),
         probability=fields.number("probability"),
+        within=fields.optional_number("within_95"),
     )
