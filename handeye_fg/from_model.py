@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from handeye_fg.claims import agreed
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.from_poses import solve
-from handeye_fg.inputs import PosesSource, read_model_inputs, robot_poses
+from handeye_fg.inputs import PosesSource, read_model_inputs, read_robot_poses
 from handeye_fg.io.images import list_cameras
 from handeye_fg.io.model_poses import TRANSFORMS, read_camera_poses
 from handeye_fg.io.results import Result
@@ -123,7 +124,8 @@ def _from_poses(
             "the model has camera poses without points, which serve one camera, but the images are of several; "
             "give the images of one, or a COLMAP model with its points"
         )
-    robot = robot_poses(poses, options, images)
+    given = read_robot_poses(poses, options, images)
+    robot = given.poses
     wanted = robot.names if images is None else [name for name in robot.names if name in images]
     camera = (
         dict(model)
@@ -131,7 +133,7 @@ def _from_poses(
         else read_camera_poses(model, wanted, options.poses.pair_by)
     )
     noise = options.noise
-    return solve(
+    result = solve(
         {
             name: np.asarray(matrix)
             for name, matrix in zip(robot.names, robot.base_T_gripper, strict=True)
@@ -146,4 +148,7 @@ def _from_poses(
         ),
         priors=options.priors,
         seed=options.seed,
+    )
+    return (
+        result if given.read_as is None else replace(result, poses_read_as={"robot": given.read_as})
     )

@@ -205,6 +205,7 @@ def solve(
             "rows_used": float(np.count_nonzero(answer.trusted)),
             **answer.figures,
         },
+        poses_read_as=pairs.read_as,
         timing_s=clock.timing_s,
         provenance={
             **{name: version(name) for name in _PACKAGES},

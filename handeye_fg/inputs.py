@@ -15,6 +15,7 @@ from handeye_fg.frames import Array
 from handeye_fg.io.cameras import read_camera, read_cameras
 from handeye_fg.io.images import check_masks, list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.io.poses import open_poses, poses_from_mapping
+from handeye_fg.io.read_as import ReadAs
 from handeye_fg.io.targets import read_target
 from handeye_fg.looks import Look, copies
 from handeye_fg.options import Options, Setup
@@ -35,6 +36,21 @@ _SAME_POSE_DEG, _SAME_POSE_MM = 1.0, 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GivenPoses:
+    """Robot poses as they were given.
+
+    Attributes:
+        poses: base_T_gripper.
+        readings: other readings of their file.
+        read_as: how the file was read; None: they came as arrays.
+    """
+
+    poses: RobotPoses
+    readings: tuple[Reading, ...] = ()
+    read_as: ReadAs | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inputs:
     """Checked inputs.
 
@@ -45,6 +61,7 @@ class Inputs:
         unusable: (name, reason) of the images that have a pose and yet cannot be used.
         looks: how the images look, by name.
         readings: other readings of the poses' file.
+        read_as: how that file was read; None: the poses came as arrays.
         convention: by which the poses were converted although nobody asked; "" for none.
         convention_note: what is to be told of the poses' convention; "" for nothing.
         poses: reported poses of all names; of base_T_gripper, or its inverse for eye-to-hand.
@@ -65,6 +82,7 @@ class Inputs:
     unusable: tuple[tuple[str, str], ...] = ()
     looks: Mapping[str, Look] = field(default_factory=dict)
     readings: tuple[Reading, ...] = ()
+    read_as: ReadAs | None = None
     convention: str = ""
     convention_note: str = ""
 
@@ -138,7 +156,8 @@ def read_inputs(
         InputDataError: something is missing, damaged or does not fit together.
     """
     listed = list_cameras(images)
-    robot, others = _read_poses(poses, options, listed)
+    given = read_robot_poses(poses, options, listed)
+    robot = _in_equations(given.poses, options.setup)
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(listed, robot.names)
     names = pairing.paired
@@ -185,7 +204,8 @@ def read_inputs(
         target=pattern,
         unusable=tuple(unusable.items()),
         looks=looks,
-        readings=others,
+        readings=given.readings,
+        read_as=given.read_as,
     )
 
 
@@ -256,7 +276,8 @@ def read_model_inputs(
                 f"no image has the name of one in the model: images are named like {images[0]}, those of the "
                 f"model like {model.names[0]}; give the images that the model was made from"
             )
-    robot, others = _read_poses(poses, options, names)
+    given = read_robot_poses(poses, options, names)
+    robot = _in_equations(given.poses, options.setup)
     pairing = pair_names(names, robot.names)
     if len(pairing.paired) < _FEWEST_IMAGES:
         raise InputDataError(
@@ -278,12 +299,15 @@ def read_model_inputs(
         cameras=cameras,
         masks=None,
         digest=_digest(robot, cameras, []),
-        readings=others,
+        readings=given.readings,
+        read_as=given.read_as,
     )
     return inputs, only(model, pairing.paired)
 
 
-def robot_poses(poses: PosesSource, options: Options, images: Sequence[str] | None) -> RobotPoses:
+def read_robot_poses(
+    poses: PosesSource, options: Options, images: Sequence[str] | None
+) -> GivenPoses:
     """The poses base_T_gripper as they are given, or as ``options.poses.convention`` has them.
 
     Args:
@@ -294,29 +318,16 @@ def robot_poses(poses: PosesSource, options: Options, images: Sequence[str] | No
     Raises:
         InputDataError: the poses break their format.
     """
-    return _with_readings(poses, options, images)[0]
-
-
-def _read_poses(
-    poses: PosesSource, options: Options, images: Sequence[str] | None
-) -> tuple[RobotPoses, tuple[Reading, ...]]:
-    """The poses in the form of the equations, and other readings of their file."""
-    given, others = _with_readings(poses, options, images)
-    return _in_equations(given, options.setup), others
-
-
-def _with_readings(
-    poses: PosesSource, options: Options, images: Sequence[str] | None
-) -> tuple[RobotPoses, tuple[Reading, ...]]:
-    others: tuple[Reading, ...] = ()
     if isinstance(poses, str | Path):
         file = open_poses(poses, options.poses, images)
-        poses, others = file.poses(), file_readings(file)
-    elif not isinstance(poses, RobotPoses):
-        poses = poses_from_mapping(poses)
+        given = GivenPoses(poses=file.poses(), readings=file_readings(file), read_as=file.read_as)
+    else:
+        known = poses if isinstance(poses, RobotPoses) else poses_from_mapping(poses)
+        given = GivenPoses(poses=known)
     if options.poses.convention:
-        return converted(poses, options.poses.convention), ()
-    return poses, others
+        taken = converted(given.poses, options.poses.convention)
+        return replace(given, poses=taken, readings=())
+    return given
 
 
 def _in_equations(poses: RobotPoses, setup: Setup) -> RobotPoses:

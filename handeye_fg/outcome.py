@@ -133,6 +133,7 @@ def assemble(
             },
             "iterations": float(final.iterations),
         },
+        poses_read_as={} if inputs.read_as is None else {"robot": inputs.read_as},
         timing_s=timing_s,
         provenance={
             **{name: version(name) for name in _PACKAGES},

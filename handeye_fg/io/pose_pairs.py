@@ -1,7 +1,7 @@
 """Pose pairs: two lists of poses or motions, paired by name or by order; entry ``read_pairs``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose
 from handeye_fg.io.fields import shown
 from handeye_fg.io.poses import open_poses, poses_from_mapping
+from handeye_fg.io.read_as import ReadAs
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.options import PoseFileOptions
 from handeye_fg.types import RobotPoses, Setup
@@ -25,11 +26,13 @@ class NamedPairs:
         names: of the rows (n,).
         data: their poses, those of the robot inverted for eye-to-hand; or their motions.
         left_out: (name, reason) of the rows without partner.
+        read_as: how the files of the "robot" and the "camera" were read; without those that are none.
     """
 
     names: tuple[str, ...]
     data: PosePairs | MotionPairs
     left_out: tuple[tuple[str, str], ...]
+    read_as: Mapping[str, ReadAs] = field(default_factory=dict)
 
 
 def read_pairs(
@@ -61,9 +64,11 @@ def read_pairs(
     Raises:
         InputDataError: a list breaks its format, or the two do not fit together.
     """
-    named_camera = _named(camera, camera_file, None)
+    named_camera, camera_as = _named(camera, camera_file, None)
     partners = None if named_camera is None else named_camera.names
-    named = [_named(robot, robot_file, partners), named_camera]
+    named_robot, robot_as = _named(robot, robot_file, partners)
+    named = [named_robot, named_camera]
+    read_as = {"robot": robot_as, "camera": camera_as}
     if named == [None, None]:
         arrays = (_array(robot, "robot"), _array(camera, "camera"))
         rows = tuple(f"row {i}" for i in range(len(arrays[0]))) if names is None else tuple(names)
@@ -85,16 +90,18 @@ def read_pairs(
         names=rows,
         data=_pairs(*arrays, weights, setup, motions=motions),
         left_out=left_out,
+        read_as={whose: one for whose, one in read_as.items() if one is not None},
     )
 
 
 def _named(
     source: PoseList, options: PoseFileOptions | None, partners: Sequence[str] | None
-) -> RobotPoses | None:
-    """Poses with names; None for an array."""
+) -> tuple[RobotPoses | None, ReadAs | None]:
+    """Poses with names, or None for an array; and how a file was read."""
     if isinstance(source, str | Path):
-        return open_poses(source, options, partners).poses()
-    return poses_from_mapping(source) if isinstance(source, Mapping) else None
+        file = open_poses(source, options, partners)
+        return file.poses(), file.read_as
+    return poses_from_mapping(source) if isinstance(source, Mapping) else None, None
 
 
 def _array(source: object, who: str) -> Array:

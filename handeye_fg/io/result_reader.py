@@ -14,6 +14,7 @@ from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.holdout import read_holdout
 from handeye_fg.io.other_intrinsics import read_offset, read_other
+from handeye_fg.io.read_as import read_read_as
 from handeye_fg.io.results import (
     FILE_NAME,
     SCHEMA_VERSION,
@@ -139,6 +140,9 @@ def from_document(document: object, where: str = "result document") -> Result:
             accuracy=read_accuracy(fields.mapping("accuracy"))
             if "accuracy" in fields.values
             else None,
+            poses_read_as=read_read_as(fields.mapping("poses_read_as"))
+            if "poses_read_as" in fields.values
+            else {},
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),

@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Literal, cast
@@ -29,6 +29,7 @@ from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.holdout import HoldoutReport, holdout_document
+from handeye_fg.io.read_as import ReadAs, read_as_document
 from handeye_fg.io.scene_file import SCENE_NAME, RefinedScene, write_scene
 from handeye_fg.point_errors import Accuracy
 from handeye_fg.types import (
@@ -186,6 +187,8 @@ class Result:
             for one camera.
         accuracy: the error that X causes at the tool and over the distance; None where X has free
             directions, or no covariance.
+        poses_read_as: how the files of poses were read, of the "robot" and the "camera"; without those that
+            came as arrays.
         scene: points, observations and small images, for pictures; in a file of its own, ``scene.npz``.
     """
 
@@ -217,6 +220,7 @@ class Result:
     certainty: CertaintyReport | None = None
     cameras: tuple[CameraReport, ...] = ()
     accuracy: Accuracy | None = None
+    poses_read_as: Mapping[str, ReadAs] = field(default_factory=dict)
     scene: RefinedScene | None = None
 
     def __post_init__(self) -> None:
@@ -323,6 +327,7 @@ def to_document(result: Result) -> Document:
         **({} if result.holdout is None else {"holdout": holdout_document(result.holdout)}),
         **_certainty(result),
         **({} if result.accuracy is None else {"accuracy": accuracy_document(result.accuracy)}),
+        **_read_as(result.poses_read_as),
         "observability": {name: _finite(value) for name, value in result.observability.items()},
         "timing_s": {name: _finite(value) for name, value in result.timing_s.items()},
         "provenance": dict(result.provenance),
@@ -367,6 +372,10 @@ def _certainty(result: Result) -> Document:
     if result.certainty is None or result.noise is None:
         return {}
     return {"certainty": certainty_document(result.certainty, result.noise)}
+
+
+def _read_as(of: Mapping[str, ReadAs]) -> Document:
+    return {"poses_read_as": read_as_document(of)} if of else {}
 
 
 def _target_document(target: TargetSummary) -> Document:

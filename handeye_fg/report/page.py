@@ -173,7 +173,10 @@ def _context(result: Result) -> dict[str, object]:
         "copies": _copies(result),
         "observability": _pairs(result.observability),
         "timing": _pairs(result.timing_s, 1),
-        "provenance": [(key, str(value)) for key, value in sorted(result.provenance.items())],
+        "provenance": [
+            *((f"{whose} poses read as", str(one)) for whose, one in result.poses_read_as.items()),
+            *((key, str(value)) for key, value in sorted(result.provenance.items())),
+        ],
     }
 
 

@@ -65,6 +65,10 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
         lines.append(_row("intrinsics", wording.printable(result.intrinsics_note)))
     if result.target is not None:
         lines.append(_row("target", wording.printable(wording.target_text(result.target))))
+    lines += [
+        _row(f"{whose} poses", wording.printable(f"read as {one}"))
+        for whose, one in result.poses_read_as.items()
+    ]
     counts = f"{wording.extent(result)}, {wording.rejected(result)}"
     lines.append(_row("images" if result.sfm is not None else "rows", counts))
     lines += [

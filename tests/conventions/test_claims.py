@@ -109,6 +109,7 @@ def test_the_flag_that_reads_the_file_right_is_named(
 def test_auto_convention_converts_and_says_so(images, scene, tmp_path):
     right = calibrated(images, written(tmp_path / "a.csv", scene, Convention(), header=OURS), scene)
     assert right.provenance["convention"] == "as given"
+    assert str(right.poses_read_as["robot"]) == "csv (quaternion x,y,z,w, m), recognised"
     path = written(tmp_path / "b.csv", scene, Convention(rotation="wxyz", unit="mm"), header=OURS)
     result = calibrated(images, path, scene, auto_convention=True)
     np.testing.assert_allclose(result.matrix, right.matrix, atol=1e-6)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp
 from handeye_fg.io.camera_results import CameraReport
+from handeye_fg.io.read_as import ReadAs
 from handeye_fg.io.result_reader import from_document, load_result
 from handeye_fg.io.results import (
     ImageReport,
@@ -109,6 +110,8 @@ focal_offsets = st.builds(
     confounded=st.booleans(),
 )
 
+read_as = st.builds(ReadAs, format=words, recognised=st.booleans(), numbers=words)
+
 
 @st.composite
 def camera_reports(draw: st.DrawFn) -> CameraReport:
@@ -189,6 +192,7 @@ def results(draw: st.DrawFn) -> Result:
         ),
         second_start=draw(st.none() | second_starts),
         cameras=tuple(draw(st.just([]) | st.lists(camera_reports(), min_size=2, max_size=3))),
+        poses_read_as=draw(st.dictionaries(st.sampled_from(["robot", "camera"]), read_as)),
         observability=draw(figures),
         timing_s=draw(figures),
         provenance=draw(st.dictionaries(words, words | st.integers(-(2**63), 2**63), max_size=3)),

@@ -25,6 +25,7 @@ from handeye_fg.io.poses.pairing import partners, time_ns
 from handeye_fg.io.poses.recognise import columns_of, split
 from handeye_fg.io.poses.rows import PoseFile, PoseRows
 from handeye_fg.io.poses.table import Table, read_table
+from handeye_fg.io.read_as import ReadAs
 from handeye_fg.options import PoseFileOptions, PoseFormatName
 from handeye_fg.types import Indices, RobotPoses
 
@@ -92,7 +93,11 @@ def open_poses(
     table, columns = columns_of(tables, options)
     rows = _rows(table, columns)
     return PoseFile(
-        format=columns.format.name,
+        read_as=ReadAs(
+            format=columns.format.name,
+            recognised=options.format == "auto",
+            numbers=str(columns.convention),
+        ),
         convention=columns.convention,
         rows=rows,
         partners=partners(rows, images, options),

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from handeye_fg.frames import Array, pose
 from handeye_fg.io.poses.convention import Convention, to_poses
+from handeye_fg.io.read_as import ReadAs
 from handeye_fg.types import Indices, RobotPoses
 
 
@@ -57,13 +58,13 @@ class PoseFile:
     """A pose file that has been read and paired; its poses under any convention.
 
     Attributes:
-        format: name of its format.
+        read_as: its format, and what its numbers are claimed to mean, in words.
         convention: what its numbers are claimed to mean.
         rows: its numbers.
         partners: which of them belong to which image.
     """
 
-    format: str
+    read_as: ReadAs
     convention: Convention
     rows: PoseRows
     partners: Partners

@@ -59,7 +59,7 @@ def test_what_several_formats_fit_is_refused_with_their_names(tmp_path, lines, f
     ],
 )
 def test_what_tells_its_format_is_recognised(tmp_path, lines, name):
-    assert open_poses(written(tmp_path, *lines)).format == name
+    assert open_poses(written(tmp_path, *lines)).read_as.format == name
 
 
 def test_named_quaternions_are_read_by_name_in_any_order(tmp_path):

@@ -39,6 +39,13 @@ def test_x_is_the_same_from_every_format(tmp_path, pairs, name):
     options = PoseFileOptions(format=name, pair_by=how)
     result = hf.solve(path, camera_csv(tmp_path, camera), robot_file=options)
     np.testing.assert_allclose(result.matrix, expected, atol=1e-8)
+    robot_as, camera_as = (result.poses_read_as[whose] for whose in ("robot", "camera"))
+    assert (robot_as.format, robot_as.recognised) == (name, False)
+    assert (camera_as.format, camera_as.recognised) == ("csv", True)
+    text = hf.summary_text(result)
+    assert f"robot poses      read as {name} ({FORMATS[name].convention}), as told" in text
+    assert "camera poses     read as csv (quaternion x,y,z,w, m), recognised" in text
+    assert f"{name} ({FORMATS[name].convention}), as told" in hf.render_report(result)
 
 
 def test_flags_of_the_command(tmp_path, pairs, capsys):
