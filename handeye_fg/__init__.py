@@ -32,20 +32,16 @@ if TYPE_CHECKING:
     from handeye_fg.io.result_reader import load_result
     from handeye_fg.io.results import Result
     from handeye_fg.options import (
-        CameraPrior,
-        DistancePrior,
         GraphOptions,
         NoiseOptions,
         Options,
         PoseFileOptions,
-        PosePrior,
-        Prior,
         RobotNoise,
-        ScalePrior,
         SfmOptions,
     )
     from handeye_fg.pipeline import calibrate
     from handeye_fg.planning import Plan, Workspace, plan, plan_first, read_arm
+    from handeye_fg.priors import CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
     from handeye_fg.report import (
         markdown_text,
         render_report,
@@ -136,20 +132,16 @@ _HOME = {
     **dict.fromkeys(("CameraModel", "RobotPoses", "SfmModel", "Tracks"), "types"),
     **dict.fromkeys(
         (
-            "CameraPrior",
-            "DistancePrior",
             "GraphOptions",
             "NoiseOptions",
             "Options",
             "PoseFileOptions",
-            "PosePrior",
-            "Prior",
             "RobotNoise",
-            "ScalePrior",
             "SfmOptions",
         ),
         "options",
     ),
+    **dict.fromkeys(("CameraPrior", "DistancePrior", "PosePrior", "Prior", "ScalePrior"), "priors"),
 }
 
 

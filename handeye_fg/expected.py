@@ -8,12 +8,13 @@ import numpy as np
 
 from handeye_fg import frames
 from handeye_fg.errors import HandEyeError
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
 from handeye_fg.known import in_world_units
 from handeye_fg.options import Options
 from handeye_fg.solvers.rig import rig_start
-from handeye_fg.types import LinearStart, SfmModel, folder_of
+from handeye_fg.types import SfmModel, folder_of
 
 # A linear start of so many images whose residuals (radians; part of the cameras' extent) are no larger
 # places further cameras to some pixels.

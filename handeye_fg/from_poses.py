@@ -11,25 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError, InputDataError, UnobservableError
+from handeye_fg.findings import LinearStart, NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import OfXAndScale, in_world_units
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import analyse
-from handeye_fg.options import (
-    AnyPrior,
-    CameraNoise,
-    CameraPrior,
-    DistancePrior,
-    MethodName,
-    PoseFileOptions,
-    RobotNoise,
-    ScalePrior,
-    TaskOptions,
-)
+from handeye_fg.options import CameraNoise, MethodName, PoseFileOptions, RobotNoise, TaskOptions
 from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.pose_outcome import Answer, digest, message, row_reports
+from handeye_fg.priors import AnyPrior, CameraPrior, DistancePrior, ScalePrior
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import (
     METHODS,
@@ -40,7 +32,7 @@ from handeye_fg.solvers import (
     start_of,
     trusted_rows,
 )
-from handeye_fg.types import LinearStart, NoiseLevels, Setup
+from handeye_fg.types import Setup
 
 Rows = NDArray[np.bool_]
 

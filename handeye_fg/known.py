@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
-from handeye_fg.options import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
+from handeye_fg.priors import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
 
 OfXAndScale = Prior | PosePrior | ScalePrior
 """The kinds that X and the scale alone decide."""

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from scipy import linalg
 
+from handeye_fg.findings import FreeDirection
 from handeye_fg.frames import Array
-from handeye_fg.types import FreeDirection
 
 # A camera pose or a scale less certain than this serves no purpose.
 USELESS_ROTATION = float(np.deg2rad(5.0))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
+from handeye_fg.findings import FocalOffset, LinearStart, SecondStart
 from handeye_fg.graph import Refinement, View, corner_fit, median_depth
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
@@ -20,15 +21,7 @@ from handeye_fg.options import Options, TaskOptions
 from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.refined_scene import refined_scene
 from handeye_fg.scene import Scene
-from handeye_fg.types import (
-    FocalOffset,
-    LinearStart,
-    SecondStart,
-    Setup,
-    SfmModel,
-    folder_of,
-    folders_of,
-)
+from handeye_fg.types import Setup, SfmModel, folder_of, folders_of
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 

@@ -24,10 +24,10 @@ from handeye_fg.errors import (
     ReconstructionError,
     UnobservableError,
 )
+from handeye_fg.findings import FreeDirection
 from handeye_fg.io.config import read_config
 from handeye_fg.io.results import Result
 from handeye_fg.options import Options
-from handeye_fg.types import FreeDirection
 
 # The tests are no package: the hand-made result of the report's tests is read from its file.
 make_result: Callable[..., Result] = runpy.run_path(

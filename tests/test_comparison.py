@@ -14,6 +14,7 @@ from scipy import stats
 from handeye_fg import cli, frames
 from handeye_fg.comparison import compare
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import FreeDirection
 from handeye_fg.graph import refine, start_state
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.results import Result
@@ -22,7 +23,6 @@ from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate.scenes import default_camera, scene_of, truth_of
 from handeye_fg.solvers import linear_start
-from handeye_fg.types import FreeDirection
 
 X = frames.exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))
 RESULT: Result = replace(

@@ -18,7 +18,8 @@ from handeye_fg.commands import exit_codes
 from handeye_fg.frames import Array, inverse, rotation_angle, scaled
 from handeye_fg.io.results import Result, result_schema, to_document
 from handeye_fg.motions import PosePairs, as_motions
-from handeye_fg.options import MethodName, Prior
+from handeye_fg.options import MethodName
+from handeye_fg.priors import Prior
 from handeye_fg.report import summary_text, write_report
 from handeye_fg.simulate import Motion, Truth, disturbed, simulate_poses
 from handeye_fg.solvers import METHODS

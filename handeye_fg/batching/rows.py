@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from handeye_fg.comparison import Comparison
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.io.camera_results import Stds, std_rotation_deg, std_translation_mm
 from handeye_fg.io.results import Result
-from handeye_fg.types import NoiseLevels
 
 Status = Literal["ok", "partial", "failed"]
 

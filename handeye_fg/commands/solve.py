@@ -14,11 +14,11 @@ from handeye_fg.options import (
     CameraNoise,
     MethodName,
     PoseFileOptions,
-    Priors,
     RobotNoise,
     Setup,
     TaskOptions,
 )
+from handeye_fg.priors import Priors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

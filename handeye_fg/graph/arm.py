@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg import frames
+from handeye_fg.findings import RobotErrors
 from handeye_fg.graph.certainty import Certainty
 from handeye_fg.graph.determined import Determined
 from handeye_fg.graph.systematic import Systematic, systematic
 from handeye_fg.graph.variables import State
 from handeye_fg.graph.whiteness import Whiteness, whiteness
-from handeye_fg.types import RobotErrors
 
 _TRACE = 2.0  # standard deviations above what independent noise leaves
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import FocalOffset, LinearStart, OtherIntrinsics
 from handeye_fg.frames import Array
 from handeye_fg.graph.freed import Freed, focal_offset, freed, other, refined
 from handeye_fg.graph.holdout import chosen
@@ -21,17 +22,10 @@ from handeye_fg.graph.refine import refine, start_state
 from handeye_fg.graph.summary import Refinement, scale_agrees
 from handeye_fg.intrinsics import covers_image, nearest
 from handeye_fg.lens import embedding, generalised, lens_of, refinable
-from handeye_fg.options import CameraPrior, Options
+from handeye_fg.options import Options
+from handeye_fg.priors import CameraPrior
 from handeye_fg.progress import Progress
-from handeye_fg.types import (
-    CameraModel,
-    FocalOffset,
-    KnownPoints,
-    LinearStart,
-    OtherIntrinsics,
-    Rig,
-    SfmModel,
-)
+from handeye_fg.types import CameraModel, KnownPoints, Rig, SfmModel
 
 # Standard deviations of a camera file's values: what a factory or a hasty calibration leaves.
 _FILE_FOCAL = 0.01  # of the focal length

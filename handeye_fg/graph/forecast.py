@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg import frames
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.cameras import free_intrinsics
 from handeye_fg.graph.determined import determined
@@ -23,7 +24,7 @@ from handeye_fg.graph.threads import one_blas_thread
 from handeye_fg.graph.variables import State
 from handeye_fg.observability import Observability, analyse
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import CameraModel, Indices, NoiseLevels, Rig, Tracks
+from handeye_fg.types import CameraModel, Indices, Rig, Tracks
 
 
 @one_blas_thread()

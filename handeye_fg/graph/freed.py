@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handeye_fg import frames
+from handeye_fg.findings import FocalOffset, OtherIntrinsics
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import determined
 from handeye_fg.graph.known import Known
@@ -24,7 +25,7 @@ from handeye_fg.graph.variables import State, intrinsics_key
 from handeye_fg.lens import embedding
 from handeye_fg.observability import free_lean
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import FocalOffset, KnownPoints, OtherIntrinsics
+from handeye_fg.types import KnownPoints
 
 _DEPTH = 5  # of X's tangent: the camera's position along its optical axis
 # A direction in which the change's standard deviation is a smaller part of X's own does not count.

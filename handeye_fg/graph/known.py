@@ -10,7 +10,7 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.determined import spread
 from handeye_fg.graph.rig import is_plain
 from handeye_fg.known import OfXAndScale, index_of
-from handeye_fg.options import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
+from handeye_fg.priors import AnyPrior, CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
 from handeye_fg.types import Rig, SfmModel
 
 

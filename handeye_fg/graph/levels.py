@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from handeye_fg.findings import LevelCertainty
 from handeye_fg.frames import Array
 from handeye_fg.graph.certainty import Certainty, certainty, given
 from handeye_fg.graph.noise import PRIOR_WEIGHT, Solution, known_levels, prior_decides
 from handeye_fg.graph.reduced import Linearised, predicted_together
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import LevelCertainty
 
 # Weight of observations that the variances are taken to have beyond what the likelihood says: the
 # information is that at the levels found, and the mean of its inverse would be too large.

@@ -22,7 +22,7 @@ from handeye_fg.graph.variables import (
 )
 from handeye_fg.known import pose_of
 from handeye_fg.observability import LIMITS
-from handeye_fg.options import PosePrior, Prior
+from handeye_fg.priors import PosePrior, Prior
 from handeye_fg.types import KnownPoints
 
 Gauge = Literal["base", "first camera"]

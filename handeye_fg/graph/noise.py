@@ -13,10 +13,10 @@ import numpy as np
 from scipy.linalg import lapack
 
 from handeye_fg.errors import ConvergenceError
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.reduced import Linearised, Quadratic, predicted_covariance, scatter
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import NoiseLevels
 
 # A tenth of an observation of each robot sigma keeps it away from zero when there are few images or
 # the poses are exact: 0.02 degrees and 0.1 mm are usual for industrial arms.

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph.elimination import (
@@ -22,7 +23,7 @@ from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.reduced import Layout, Linearised, Quadratic, robot_rows, summed
 from handeye_fg.graph.rig import carried, is_plain, to_images
 from handeye_fg.graph.variables import State, moved, to_values
-from handeye_fg.types import KnownPoints, NoiseLevels
+from handeye_fg.types import KnownPoints
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError
+from handeye_fg.findings import LinearStart, NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.determined import determined
@@ -26,7 +27,7 @@ from handeye_fg.graph.variables import LOG_SCALE, State
 from handeye_fg.observability import free_basis
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import Progress
-from handeye_fg.types import CameraModel, KnownPoints, LinearStart, NoiseLevels, Rig, SfmModel
+from handeye_fg.types import CameraModel, KnownPoints, Rig, SfmModel
 
 # The first fit only tells which observations are mismatches: errors that are right to a part of 5e-4 do.
 _FIRST_TOLERANCE = 1e-3

@@ -13,6 +13,7 @@ from scipy import linalg, special
 from scipy.optimize import least_squares
 
 from handeye_fg import frames
+from handeye_fg.findings import NoiseLevels, SecondStart
 from handeye_fg.frames import Array
 from handeye_fg.graph.determined import spread
 from handeye_fg.graph.known import with_cameras
@@ -22,7 +23,6 @@ from handeye_fg.graph.summary import aligned, pose_residuals
 from handeye_fg.graph.variables import State
 from handeye_fg.known import whitened
 from handeye_fg.observability import LIMITS, Observability
-from handeye_fg.types import NoiseLevels, SecondStart
 
 # How far off the start is: radians, parts of the gripper's motion, ln scale. From all starts up to 1.5
 # radians off the optimum of simulated arms was reached.

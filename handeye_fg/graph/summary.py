@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from handeye_fg import frames
+from handeye_fg.findings import LevelCertainty, NoiseLevels, SecondStart
 from handeye_fg.frames import Array
 from handeye_fg.graph.arm import ArmErrors, arm_errors
 from handeye_fg.graph.deletion import deletions
@@ -21,14 +22,7 @@ from handeye_fg.graph.rig import image_poses
 from handeye_fg.graph.variables import LOG_SCALE, State, intrinsics_key
 from handeye_fg.observability import Observability, analyse, on_determined
 from handeye_fg.options import NoiseOptions
-from handeye_fg.types import (
-    KnownPoints,
-    LevelCertainty,
-    NoiseLevels,
-    SecondStart,
-    SfmModel,
-    Tracks,
-)
+from handeye_fg.types import KnownPoints, SfmModel, Tracks
 
 _FALSE_ALARM = 1e-3  # probability that a target of the right size is doubted
 

@@ -6,12 +6,13 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from handeye_fg.findings import FocalOffset, FreeDirection, OtherIntrinsics
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.direction import direction as direction_of
 from handeye_fg.io.other_intrinsics import offset_document, other_document
 from handeye_fg.observability import free_lean
-from handeye_fg.types import CameraModel, FocalOffset, FreeDirection, OtherIntrinsics
+from handeye_fg.types import CameraModel
 
 FREE_COMPONENT = 0.1
 """A component of a pose has no standard deviation where a free direction leans on its axis by more."""

@@ -7,9 +7,9 @@ from typing import Literal, cast, get_args
 
 import numpy as np
 
+from handeye_fg.findings import LevelCertainty, NoiseLevels, RobotErrors
 from handeye_fg.frames import Array
 from handeye_fg.io.fields import Fields, finite
-from handeye_fg.types import LevelCertainty, NoiseLevels, RobotErrors
 
 Document = dict[str, object]
 Source = Literal["data", "prior", "user"]

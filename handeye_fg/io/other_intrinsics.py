@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Literal, cast
 
+from handeye_fg.findings import FocalOffset, OtherIntrinsics
 from handeye_fg.io.fields import Fields
-from handeye_fg.types import FocalOffset, OtherIntrinsics
 
 _KINDS = ("free", "fixed")
 

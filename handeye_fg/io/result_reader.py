@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import FreeDirection, LinearStart, NoiseLevels, SecondStart
 from handeye_fg.io.accuracy import read_accuracy
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.certainty import read_certainty
@@ -28,14 +29,7 @@ from handeye_fg.io.results import (
 )
 from handeye_fg.io.scene_file import read_scene
 from handeye_fg.patterns import TargetKind
-from handeye_fg.types import (
-    CameraModel,
-    FreeDirection,
-    LinearStart,
-    NoiseLevels,
-    SecondStart,
-    Setup,
-)
+from handeye_fg.types import CameraModel, Setup
 
 Kind = Literal["rotation", "translation", "scale"]
 

@@ -15,6 +15,14 @@ from pathlib import Path
 from typing import Literal, cast
 
 from handeye_fg.export_options import ExportOptions
+from handeye_fg.findings import (
+    FocalOffset,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    OtherIntrinsics,
+    SecondStart,
+)
 from handeye_fg.frames import Array
 from handeye_fg.io.accuracy import accuracy_document
 from handeye_fg.io.camera_results import (
@@ -32,16 +40,7 @@ from handeye_fg.io.holdout import HoldoutReport, holdout_document
 from handeye_fg.io.read_as import ReadAs, read_as_document
 from handeye_fg.io.scene_file import SCENE_NAME, RefinedScene, write_scene
 from handeye_fg.point_errors import Accuracy
-from handeye_fg.types import (
-    CameraModel,
-    FocalOffset,
-    FreeDirection,
-    LinearStart,
-    NoiseLevels,
-    OtherIntrinsics,
-    SecondStart,
-    Setup,
-)
+from handeye_fg.types import CameraModel, Setup
 
 SCHEMA_VERSION = "1"
 FILE_NAME = "result.json"

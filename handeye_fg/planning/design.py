@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye_fg import frames
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.known import rows
 from handeye_fg.observability import WIDE
-from handeye_fg.options import PosePrior, Prior
-from handeye_fg.types import NoiseLevels
+from handeye_fg.priors import PosePrior, Prior
 
 UNKNOWNS = 13
 # The eigenvalues of the covariance count by this power: nearly the largest alone, yet smooth.

@@ -4,11 +4,11 @@ import itertools
 import math
 from dataclasses import dataclass
 
+from handeye_fg.findings import FreeDirection
 from handeye_fg.frames import Array
 from handeye_fg.io.camera_results import Stds, Uncertain, std_rotation_deg, std_translation_mm
 from handeye_fg.io.results import Result
 from handeye_fg.observability import Observability
-from handeye_fg.types import FreeDirection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,26 +8,21 @@ import numpy as np
 
 from handeye_fg import sfm
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.forecast import forecast
 from handeye_fg.io.config import read_config
 from handeye_fg.io.result_reader import load_result
 from handeye_fg.io.results import Result
 from handeye_fg.observability import Observability
-from handeye_fg.options import AnyPrior, PosePrior, Prior
 from handeye_fg.planning.candidates import Candidates, candidates
 from handeye_fg.planning.design import best, pose_information, prior_information
 from handeye_fg.planning.expected import Expected, corrected, of_model, of_result
 from handeye_fg.planning.reach import Reach, Workspace
 from handeye_fg.planning.sight import gripper_pose
 from handeye_fg.planning.situation import Situation, assumed_situation, situation_of
-from handeye_fg.types import (
-    CameraModel,
-    Indices,
-    NoiseLevels,
-    SfmModel,
-    frozen_array,
-)
+from handeye_fg.priors import AnyPrior, PosePrior, Prior
+from handeye_fg.types import CameraModel, Indices, SfmModel, frozen_array
 
 _CANDIDATES = 400
 # A planned image sees this part at least of the points that an earlier one sees.

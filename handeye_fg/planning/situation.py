@@ -7,14 +7,16 @@ from numpy.typing import NDArray
 
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.summary import aligned
 from handeye_fg.io.exports.trajectories import scene_poses
 from handeye_fg.io.results import Result
-from handeye_fg.options import NoiseOptions, PosePrior, Prior
+from handeye_fg.options import NoiseOptions
 from handeye_fg.parts import only
 from handeye_fg.planning.sight import Sight, in_image
-from handeye_fg.types import CameraModel, Indices, NoiseLevels, SfmModel, Tracks
+from handeye_fg.priors import PosePrior, Prior
+from handeye_fg.types import CameraModel, Indices, SfmModel, Tracks
 
 # So many points tell what images see; all of them would take long.
 _MOST_POINTS = 600

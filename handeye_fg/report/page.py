@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from handeye_fg import frames
 from handeye_fg.export_options import ExportOptions
+from handeye_fg.findings import LevelCertainty
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.camera_results import (
     CameraReport,
@@ -30,7 +31,6 @@ from handeye_fg.io.results import (
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
 from handeye_fg.report.view import view
-from handeye_fg.types import LevelCertainty
 
 REPORT_NAME = "report.html"
 # Two-sided 95 % point of the normal distribution.

@@ -11,9 +11,10 @@ from typing import Literal, assert_never
 
 import numpy as np
 
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
 from handeye_fg.lens import lens_of
-from handeye_fg.types import CameraModel, Indices, NoiseLevels, RobotPoses, SfmModel, Tracks
+from handeye_fg.types import CameraModel, Indices, RobotPoses, SfmModel, Tracks
 
 Motion = Literal["general", "one_axis", "pure_translation", "pure_rotation"]
 

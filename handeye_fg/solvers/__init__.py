@@ -12,6 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from handeye_fg.errors import UnobservableError
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array
 from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
@@ -32,7 +33,6 @@ from handeye_fg.solvers.robust import Majority, majority, only, trusted_rows
 from handeye_fg.solvers.shah import shah
 from handeye_fg.solvers.solution import Solution, Solver
 from handeye_fg.solvers.tsai_lenz import tsai_lenz
-from handeye_fg.types import LinearStart
 
 __all__ = [
     "METHODS",

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from handeye_fg import frames
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array
 from handeye_fg.known import OfXAndScale
 from handeye_fg.solvers import linear_start
-from handeye_fg.types import LinearStart, Rig
+from handeye_fg.types import Rig
 
 
 def rig_start(

@@ -10,7 +10,8 @@ from handeye_fg import frames
 from handeye_fg.errors import InputDataError
 from handeye_fg.graph import refine_views
 from handeye_fg.lens import refinable
-from handeye_fg.options import CameraPrior, GraphOptions, Options
+from handeye_fg.options import GraphOptions, Options
+from handeye_fg.priors import CameraPrior
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
+from handeye_fg.findings import LinearStart
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.elimination import batches, by_regions, eliminate
@@ -17,7 +18,6 @@ from handeye_fg.graph.variables import LOG_SCALE
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.types import LinearStart
 
 # Robot poses that are exact, for all that matters: X is as certain as the images are.
 EXACT = NoiseOptions(robot_rotation_deg=1e-3, robot_translation_mm=1e-3)

@@ -10,7 +10,8 @@ from handeye_fg.graph import measurements as m
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.observability import LIMITS
-from handeye_fg.options import GraphOptions, NoiseOptions, Prior
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.priors import Prior
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start

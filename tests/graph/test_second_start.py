@@ -9,7 +9,8 @@ import pytest
 from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph import second_start as module
-from handeye_fg.options import GraphOptions, NoiseOptions, Prior
+from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.priors import Prior
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.solvers import linear_start

@@ -4,16 +4,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handeye_fg.frames import exp
-from handeye_fg.io.results import ImageReport, Result, SfmSummary
-from handeye_fg.types import (
-    CameraModel,
+from handeye_fg.findings import (
     FocalOffset,
     FreeDirection,
     LinearStart,
     NoiseLevels,
     OtherIntrinsics,
 )
+from handeye_fg.frames import exp
+from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.types import CameraModel
 
 X = exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))
 

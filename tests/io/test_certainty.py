@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import LevelCertainty, RobotErrors
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.result_reader import from_document
 from handeye_fg.io.results import Result, result_schema, to_document
-from handeye_fg.types import LevelCertainty, RobotErrors
 
 
 def report(**changes: Any) -> CertaintyReport:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import config
 from handeye_fg.io.config import options_digest, read_config, write_config
-from handeye_fg.options import DistancePrior, Options, PosePrior, Prior
+from handeye_fg.options import Options
+from handeye_fg.priors import DistancePrior, PosePrior, Prior
 
 POSITIVE = st.floats(1e-6, 1e6)
 AXIS = st.tuples(POSITIVE, POSITIVE, POSITIVE)

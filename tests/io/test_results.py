@@ -14,6 +14,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import (
+    FocalOffset,
+    FreeDirection,
+    LinearStart,
+    NoiseLevels,
+    OtherIntrinsics,
+    SecondStart,
+)
 from handeye_fg.frames import exp
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.read_as import ReadAs
@@ -27,15 +35,7 @@ from handeye_fg.io.results import (
     to_document,
     to_json,
 )
-from handeye_fg.types import (
-    CameraModel,
-    FocalOffset,
-    FreeDirection,
-    LinearStart,
-    NoiseLevels,
-    OtherIntrinsics,
-    SecondStart,
-)
+from handeye_fg.types import CameraModel
 
 quick = settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.graph.forecast import forecast
-from handeye_fg.options import NoiseOptions, PosePrior, Prior
+from handeye_fg.options import NoiseOptions
 from handeye_fg.planning.candidates import candidates
 from handeye_fg.planning.design import best, pose_information, prior_information, uncertainty
 from handeye_fg.planning.reach import Both, Workspace
 from handeye_fg.planning.sight import gripper_pose, scene_camera
 from handeye_fg.planning.situation import assumed_situation
+from handeye_fg.priors import PosePrior, Prior
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.simulate.scenes import SCENE_CENTRE, default_camera
-from handeye_fg.types import NoiseLevels
 
 KNOWN = NoiseOptions(pixel_px=0.3, robot_rotation_deg=0.1, robot_translation_mm=1.0)
 NOISE = NoiseLevels(

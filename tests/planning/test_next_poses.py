@@ -9,6 +9,7 @@ import pytest
 import handeye_fg as hf
 from handeye_fg import cli, frames
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import RobotErrors
 from handeye_fg.io.config import write_config
 from handeye_fg.planning import Workspace, plan, plan_first
 from handeye_fg.planning.expected import corrected, of_result
@@ -16,7 +17,6 @@ from handeye_fg.sfm import read_model
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.simulate.scenes import SCENE_CENTRE
 from handeye_fg.synthetic_set import write_scene
-from handeye_fg.types import RobotErrors
 
 WIDE = Workspace((0.0, -0.6, 0.0), (1.0, 0.6, 0.9))
 

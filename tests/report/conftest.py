@@ -7,11 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handeye_fg import frames
-from handeye_fg.io.certainty import CertaintyReport
-from handeye_fg.io.results import ImageReport, Result, SfmSummary
-from handeye_fg.point_errors import accuracy
-from handeye_fg.types import (
-    CameraModel,
+from handeye_fg.findings import (
     FocalOffset,
     LevelCertainty,
     LinearStart,
@@ -19,6 +15,10 @@ from handeye_fg.types import (
     OtherIntrinsics,
     RobotErrors,
 )
+from handeye_fg.io.certainty import CertaintyReport
+from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.point_errors import accuracy
+from handeye_fg.types import CameraModel
 
 
 def make_result(**changes: Any) -> Result:

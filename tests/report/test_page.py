@@ -11,11 +11,11 @@ import pytest
 from markupsafe import escape
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.findings import FreeDirection, SecondStart
 from handeye_fg.io.results import Result
 from handeye_fg.report import summary_text, wording, write_report
 from handeye_fg.report.page import render
 from handeye_fg.report.wording import printable
-from handeye_fg.types import FreeDirection, SecondStart
 
 # The page's own: data of the 3D view, the library that draws it, the page's script; the picture of an image.
 OWN = {"script": 3, "img": 1, "link": 0, "iframe": 0, "object": 0}

@@ -11,7 +11,7 @@ from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, exp, inverse, log, pose, scaled
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import LIMITS, Observability, analyse
-from handeye_fg.options import Prior
+from handeye_fg.priors import Prior
 from handeye_fg.simulate import disturbed
 from handeye_fg.solvers import Solution, first_order_covariance, partial
 

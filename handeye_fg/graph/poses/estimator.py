@@ -16,6 +16,7 @@ from gtsam.symbol_shorthand import L
 from scipy import linalg, stats
 
 from handeye_fg.errors import ConvergenceError
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array, inverse, log, scaled
 from handeye_fg.graph.measurements import held_graph, joined, known_graph
 from handeye_fg.graph.poses.fit import Fit, Problem, Rows, State, fitted
@@ -31,8 +32,8 @@ from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.observability import LIMITS, WIDE, feigned_information, without_feigned
-from handeye_fg.options import RobotNoise, ScalePrior
-from handeye_fg.types import LinearStart
+from handeye_fg.options import RobotNoise
+from handeye_fg.priors import ScalePrior
 
 # A robot pose as improbable as this among n good ones (over n) disagrees.
 _FALSE_ALARM = 1e-2

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
 from handeye_fg.graph.poses import CameraNoise, Component
 from handeye_fg.motions import PosePairs
 from handeye_fg.simulate import Motion, simulate_poses
 from handeye_fg.solvers import METHODS, start_of
-from handeye_fg.types import LinearStart
 
 LEVELS: Mapping[Component, float] = {
     "robot_rotation": float(np.deg2rad(0.1)),

@@ -8,15 +8,16 @@ import pytest
 from gtsam.symbol_shorthand import L
 
 from handeye_fg.errors import ConvergenceError, InputDataError
+from handeye_fg.findings import LinearStart
 from handeye_fg.frames import exp, inverse, log, pose, scaled
 from handeye_fg.graph.poses import estimator, fit, pose_graph
 from handeye_fg.graph.poses.measurements import Columns, NoiseModel, graph_of
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.observability import LIMITS, USELESS_TRANSLATION, analyse
-from handeye_fg.options import NoiseOptions, Prior
+from handeye_fg.options import NoiseOptions
+from handeye_fg.priors import Prior
 from handeye_fg.solvers import METHODS, only, partial, start_of, trusted_rows
-from handeye_fg.types import LinearStart
 
 
 def solved(truth, start=None, **options):

@@ -28,13 +28,14 @@ from urdf_parser_py.urdf import URDF
 
 import handeye_fg as hf
 from handeye_fg.cli import main
+from handeye_fg.findings import FreeDirection
 from handeye_fg.frames import Array, exp, inverse, pose
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.cameras import read_camera
 from handeye_fg.io.exports import export_text
 from handeye_fg.io.exports.placed import rpy
 from handeye_fg.io.results import Result
-from handeye_fg.types import CameraModel, FreeDirection
+from handeye_fg.types import CameraModel
 
 make_result: Callable[..., Result] = runpy.run_path(
     str(Path(__file__).parents[2] / "report" / "conftest.py")
