@@ -1,6 +1,6 @@
 """From the stages' answers to the result that users get."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -9,35 +9,27 @@ from typing import Any
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
-from handeye_fg.findings import FocalOffset, LinearStart, SecondStart
+from handeye_fg.findings import LinearStart
 from handeye_fg.graph import Refinement, View, corner_fit, median_depth
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.config import options_digest
 from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
-from handeye_fg.io.results import ImageReport, Result, SfmSummary, TargetSummary
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result, SfmSummary, TargetSummary
+from handeye_fg.message import message, missing_cameras
 from handeye_fg.options import Options, TaskOptions
 from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.refined_scene import refined_scene
 from handeye_fg.scene import Scene
-from handeye_fg.types import Setup, SfmModel, folder_of, folders_of
+from handeye_fg.types import Setup, SfmModel, folder_of
 
 _PACKAGES = ("handeye-fg", "gtsam", "pycolmap", "numpy", "scipy", "opencv-python-headless")
 
 # An arm that is worse than this, per axis, is broken; wrong conventions give ten times as much.
 _WORST_ARM_DEG, _WORST_ARM_MM = 2.0, 30.0
-# Static features below this part of all do no harm.
-_WORTH_TELLING = 0.01
-_STATIC: Mapping[Setup, str] = {
-    "eye-in-hand": "text drawn over the images, or the gripper in view",
-    "eye-to-hand": "the static background",
-}
-# Images without pose that the message names; the list of images has all.
-_MOST_NAMED = 5
 _HELD_OUT = "its robot pose was kept out of X, as --holdout asks for, and predicted by it"
-# A proof that fails by chance this seldom has failed.
-_FALSE_ALARM = 0.01
 _LEFT_OUT = "the robot pose disagrees with the others and was left out; check its row"
 
 
@@ -78,10 +70,11 @@ def assemble(
         timing_s: seconds by stage.
     """
     final, model, first = view.refinement, scene.model, view.intrinsics[0]
+    proof = _holdout(model, final)
     result = Result(
         status="partial" if any(one.free_directions for one in final.observabilities) else "ok",
         setup=options.setup,
-        message=_message(scene, inputs, view, options.setup),
+        message=message(scene, inputs, view, proof, options.setup),
         matrix=final.state.gripper_T_camera,
         covariance=final.observability.covariance,
         free_directions=final.observability.free_directions,
@@ -106,8 +99,10 @@ def assemble(
         ),
         target=_target(scene, view),
         second_start=final.second_start,
-        holdout=_holdout(model, final),
-        cameras=_cameras(model, view) if len(model.cameras) > 1 or _missing(inputs, model) else (),
+        holdout=proof,
+        cameras=_cameras(model, view)
+        if len(model.cameras) > 1 or missing_cameras(inputs, model)
+        else (),
         accuracy=_accuracy(final, options.task),
         scene=refined_scene(
             final,
@@ -230,67 +225,9 @@ def _holdout(model: SfmModel, final: Refinement) -> HoldoutReport | None:
     )
 
 
-def _proof(found: HoldoutReport) -> str:
-    """What the held-out poses prove, in words."""
-    pixels, expected_pixels = found.reprojection_rms, found.expected_reprojection
-    seen = "" if pixels is None else f", and their points to {_plain(pixels)} px"
-    expected = "" if expected_pixels is None else f" and {_plain(expected_pixels)} px"
-    verdict = (
-        "as the uncertainty lets expect"
-        if found.probability >= _FALSE_ALARM
-        else "more than the uncertainty explains: it is too small, or these poses are wrong"
-    )
-    return (
-        f"X predicts the robot poses of {len(found.images)} images that were kept out of it to "
-        f"{np.rad2deg(found.rotation):.2g} deg and {1e3 * found.translation:.2g} mm{seen}; "
-        f"{np.rad2deg(found.expected_rotation):.2g} deg, {1e3 * found.expected_translation:.2g} mm{expected} are to be "
-        f"expected: {verdict} (p = {found.probability:.2g})."
-    )
-
-
 def _known(value: float | np.floating[Any]) -> float | None:
     """A figure, or None where there is none."""
     return float(value) if np.isfinite(value) else None
-
-
-def _bad_poses(model: SfmModel, final: Refinement) -> list[str]:
-    """The images whose robot poses were left out, with how far these are off."""
-    lengths = np.linalg.norm(final.residuals.reshape(-1, 2, 3), axis=2)
-    named = []
-    for name, pose in zip(model.names, final.state.rig.pose, strict=True):
-        if final.outliers[pose]:
-            degrees, millimetres = np.rad2deg(lengths[pose, 0]), 1e3 * lengths[pose, 1]
-            w_test = final.w_test[pose]
-            named.append(
-                f"{name} ({_plain(millimetres)} mm, {_plain(degrees)} deg, w {_plain(w_test)})"
-            )
-    return named
-
-
-def _plain(value: float) -> str:
-    """A positive number with two digits or more, and no exponent unless it is tiny."""
-    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
-
-
-def _told(second: SecondStart) -> list[str]:
-    """What a user must know of the second start."""
-    parts = []
-    if second.restarted:
-        parts.append(
-            "The linear start led to a false optimum; the refinement was repeated from another start."
-        )
-    if not second.agrees:
-        parts.append(
-            "A second start of the refinement ended elsewhere, "
-            f"{_plain(np.rad2deg(second.rotation))} deg and {_plain(1e3 * second.translation)} mm "
-            "away: X is not reliable; take more images, with large rotations about different axes."
-        )
-    return parts
-
-
-def _missing(inputs: Inputs, model: SfmModel) -> list[str]:
-    """The cameras, by their folders, of which the reconstruction placed no image."""
-    return sorted({*folders_of(inputs.names)} - {*folders_of(model.names)})
 
 
 def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
@@ -333,80 +270,4 @@ def _target(scene: Scene, view: View) -> TargetSummary | None:
         corner_px=final.noise.corner or rms_px,
         base_T_target=final.state.base_T_world,
         note=view.scale_note or "The lengths of the target file were kept.",
-    )
-
-
-def _message(scene: Scene, inputs: Inputs, view: View, setup: Setup) -> str:
-    """What came out, in one or two sentences."""
-    model, final = scene.model, view.refinement
-    without = (*inputs.unusable, *model.unregistered)
-    n, total = len(model.names), len(inputs.names) + len(inputs.unusable)
-    parts = [f"Calibrated from {n} of {total} images."]
-    if without:
-        parts.append(_named(without))
-    if missing := _missing(inputs, model):
-        parts.append(
-            f"No image of {', '.join(missing)} could be placed, so that there is no X of it; take images "
-            "that overlap with those of the other cameras."
-        )
-    if inputs.convention_note:
-        parts.append(inputs.convention_note)
-    if inputs.left_out:
-        parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
-    if model.static_share >= _WORTH_TELLING:
-        parts.append(
-            f"{100.0 * model.static_share:.0f} % of the features stayed at their pixel while the robot "
-            f"turned ({_STATIC[setup]}) and were left out; masks would tell better what to leave out."
-        )
-    if model.by_robot:
-        parts.append(
-            f"{model.by_robot} of the images, which too few matches join to the others, were placed with the "
-            "help of the robot's poses."
-        )
-    if scene.board is not None:
-        parts.append(f"The target was found in {len(scene.board.names)} of them.")
-    if view.scale_note:
-        parts.append(view.scale_note)
-    if bad := _bad_poses(model, final):
-        parts.append(
-            f"The robot poses of {', '.join(bad)} disagree with the others and were left out."
-        )
-    for k, one in enumerate(view.intrinsics):
-        if one.focal_offset is not None and one.focal_offset.confounded:
-            parts.append(_confounded(one.focal_offset, k if len(view.intrinsics) > 1 else None))
-    if not final.converged:
-        parts.append("The refinement stopped at its limit of iterations before it converged.")
-    if (proof := _holdout(model, final)) is not None:
-        parts.append(_proof(proof))
-    if final.second_start is not None:
-        parts += _told(final.second_start)
-    guessed = [name for name, level in final.level_certainties.items() if level.source == "prior"]
-    if guessed:
-        parts.append(
-            f"The noise level of {' and '.join(guessed).replace('_', ' ')} is a guess for usual arms: the "
-            "images say next to nothing about it."
-        )
-    if not final.arm.found.white:
-        parts.append(final.arm.found.reason)
-    for found in final.observabilities:  # of several cameras one sentence for what they share
-        free = [direction.description for direction in found.free_directions]
-        parts += [description for description in free if description not in parts]
-    return " ".join(parts)
-
-
-def _named(without: Sequence[tuple[str, str]]) -> str:
-    """The images that were not used, with the reason of each."""
-    told = [f"{name} ({reason})" for name, reason in without[:_MOST_NAMED]]
-    if more := len(without) - len(told):
-        told.append(f"{more} more, see the list of images")
-    return f"Not used: {', '.join(told)}."
-
-
-def _confounded(offset: FocalOffset, camera: int | None) -> str:
-    """The warning that focal length and position are confounded; ``camera``: None if there is but one."""
-    of = "" if camera is None else f" of camera {camera}"
-    return (
-        f"Focal length and position along the optical axis{of} are hardly told apart (correlation "
-        f"{offset.correlation:.2f}): 1 % of the one is {1e3 * abs(offset.metres_per_percent):.2g} mm "
-        "of the other; add poses tilted 20 degrees or more about axes across the view."
     )

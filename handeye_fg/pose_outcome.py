@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from handeye_fg.findings import LinearStart, NoiseLevels
 from handeye_fg.frames import Array, scaled
+from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.pose_pairs import NamedPairs
-from handeye_fg.io.results import ImageReport
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.observability import Observability
 from handeye_fg.solvers import row_residuals

@@ -14,12 +14,12 @@ from handeye_fg.io.certainty import read_certainty
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.holdout import read_holdout
+from handeye_fg.io.image_results import read_image
 from handeye_fg.io.other_intrinsics import read_offset, read_other
 from handeye_fg.io.read_as import read_read_as
 from handeye_fg.io.results import (
     FILE_NAME,
     SCHEMA_VERSION,
-    ImageReport,
     Result,
     SfmSummary,
     Status,
@@ -119,7 +119,7 @@ def from_document(document: object, where: str = "result document") -> Result:
             base_T_world=fields.optional_array("base_T_world", (4, 4)),
             noise=noise,
             initial=_start(fields.mapping("initial")),
-            images=tuple(_image(image) for image in fields.mappings("images")),
+            images=tuple(read_image(image) for image in fields.mappings("images")),
             **_intrinsics(fields.optional_mapping("intrinsics")),
             sfm=_sfm(fields.optional_mapping("sfm")),
             cameras=tuple(_camera(camera, setup) for camera in cameras),
@@ -282,35 +282,6 @@ def _start(fields: Fields) -> LinearStart:
         residual_rotation=math.radians(fields.number("residual_rotation_deg")),
         residual_translation=fields.number("residual_translation_mm") / 1e3,
     )
-
-
-def _image(fields: Fields) -> ImageReport:
-    return ImageReport(
-        name=fields.text("name"),
-        registered=fields.flag("registered"),
-        base_T_camera=fields.optional_array("base_T_camera", (4, 4)),
-        residual_rotation=_radians(fields, "residual_rotation_deg"),
-        residual_translation=_metres(fields, "residual_translation_mm"),
-        reprojection_rms=fields.optional_number("reprojection_rms_px"),
-        outlier=fields.flag("outlier"),
-        w_test=fields.optional_number("w_test"),
-        influence_rotation=_radians(fields, "influence_rotation_deg"),
-        influence_translation=_metres(fields, "influence_translation_mm"),
-        reason=fields.text("reason"),
-        gripper_T_camera=fields.array("gripper_T_camera", (4, 4))
-        if "gripper_T_camera" in fields.values
-        else None,
-    )
-
-
-def _radians(fields: Fields, name: str) -> float | None:
-    degrees = fields.optional_number(name)
-    return None if degrees is None else math.radians(degrees)
-
-
-def _metres(fields: Fields, name: str) -> float | None:
-    millimetres = fields.optional_number(name)
-    return None if millimetres is None else millimetres / 1e3
 
 
 def _figures(fields: Fields) -> dict[str, float]:

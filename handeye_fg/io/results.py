@@ -37,6 +37,7 @@ from handeye_fg.io.certainty import CertaintyReport, certainty_document
 from handeye_fg.io.checks import check_finite, set_array, set_pose
 from handeye_fg.io.files import write_atomic
 from handeye_fg.io.holdout import HoldoutReport, holdout_document
+from handeye_fg.io.image_results import ImageReport, image_document
 from handeye_fg.io.read_as import ReadAs, read_as_document
 from handeye_fg.io.scene_file import SCENE_NAME, RefinedScene, write_scene
 from handeye_fg.point_errors import Accuracy
@@ -45,62 +46,8 @@ from handeye_fg.types import CameraModel, Setup
 SCHEMA_VERSION = "1"
 FILE_NAME = "result.json"
 
-_FIGURES_OF_IMAGES = (
-    "residual_rotation",
-    "residual_translation",
-    "reprojection_rms",
-    "w_test",
-    "influence_rotation",
-    "influence_translation",
-)
 
 Status = Literal["ok", "partial"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImageReport:
-    """What is known of one image; quantities are None where the image has no pose.
-
-    Attributes:
-        name: image name.
-        registered: whether the reconstruction placed it.
-        base_T_camera: refined pose (4, 4), metres, or None.
-        residual_rotation, residual_translation: how far the reported robot pose is from the refined
-            one, radians and metres.
-        reprojection_rms: root mean square reprojection error, pixels.
-        outlier: whether its robot pose disagrees with the rest beyond its noise; such a pose is left
-            out, so that its residual is against what the others say.
-        w_test: length of the reported robot pose's standardised residual against the calibration
-            without it: that of its rotation or of its translation, the larger (Baarda's test). The
-            square of either is chi-square of 3 degrees of freedom for a right pose: half of them have
-            less than 1.5, one in a thousand more than 4. None where the others do not determine it.
-        influence_rotation, influence_translation: how far X would move without this robot pose,
-            radians and metres; None where it is not used, or X is not determined without it.
-        reason: why it is unregistered, left out or an outlier; "" otherwise.
-        gripper_T_camera: for eye-to-hand, where the object moves with the gripper, the camera's refined
-            pose in it (4, 4), metres; None for eye-in-hand, where it is X in every image.
-    """
-
-    name: str
-    registered: bool
-    base_T_camera: Array | None = None
-    residual_rotation: float | None = None
-    residual_translation: float | None = None
-    reprojection_rms: float | None = None
-    outlier: bool = False
-    w_test: float | None = None
-    influence_rotation: float | None = None
-    influence_translation: float | None = None
-    reason: str = ""
-    gripper_T_camera: Array | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("base_T_camera", "gripper_T_camera"):
-            if getattr(self, name) is not None:
-                set_pose(self, name)
-        for name in _FIGURES_OF_IMAGES:
-            if getattr(self, name) is not None:
-                check_finite(self, name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -317,7 +264,7 @@ def to_document(result: Result) -> Document:
         "base_T_world": nested(result.base_T_world),
         "noise": _noise_document(result.noise),
         "initial": _start_document(result.initial),
-        "images": [_image_document(image) for image in result.images],
+        "images": [image_document(image) for image in result.images],
         "intrinsics": intrinsics_document(result),
         "sfm": None if result.sfm is None else asdict(result.sfm),
         **({"cameras": cameras_document(result.cameras, parent)} if result.cameras else {}),
@@ -403,36 +350,3 @@ def _start_document(start: LinearStart) -> Document:
         "residual_rotation_deg": math.degrees(start.residual_rotation),
         "residual_translation_mm": 1e3 * float(start.residual_translation),
     }
-
-
-def _image_document(image: ImageReport) -> Document:
-    return {
-        "name": image.name,
-        "registered": bool(image.registered),
-        "base_T_camera": nested(image.base_T_camera),
-        "residual_rotation_deg": _degrees(image.residual_rotation),
-        "residual_translation_mm": _millimetres(image.residual_translation),
-        "reprojection_rms_px": _number(image.reprojection_rms),
-        "outlier": bool(image.outlier),
-        "w_test": _number(image.w_test),
-        "influence_rotation_deg": _degrees(image.influence_rotation),
-        "influence_translation_mm": _millimetres(image.influence_translation),
-        "reason": image.reason,
-        **(
-            {}
-            if image.gripper_T_camera is None
-            else {"gripper_T_camera": nested(image.gripper_T_camera)}
-        ),
-    }
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None else float(value)
-
-
-def _degrees(radians: float | None) -> float | None:
-    return None if radians is None else math.degrees(radians)
-
-
-def _millimetres(metres: float | None) -> float | None:
-    return None if metres is None else 1e3 * float(metres)

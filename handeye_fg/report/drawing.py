@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.figure import Figure
 
-from handeye_fg.io.results import ImageReport
+from handeye_fg.io.image_results import ImageReport
 from handeye_fg.report import wording
 
 # Stand-ins that matplotlib draws with and that are replaced: in the page by its own colours, light or dark.

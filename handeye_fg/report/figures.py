@@ -10,7 +10,8 @@ from matplotlib.ticker import MaxNLocator
 
 from handeye_fg import frames
 from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
-from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result
 from handeye_fg.report import wording
 from handeye_fg.report.drawing import (
     BAD,

@@ -23,11 +23,8 @@ from handeye_fg.io.camera_results import (
 )
 from handeye_fg.io.exports import export_text
 from handeye_fg.io.files import write_atomic
-from handeye_fg.io.results import (
-    ImageReport,
-    Result,
-    parent_frame,
-)
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.report import wording
 from handeye_fg.report.figures import drawings
 from handeye_fg.report.view import view

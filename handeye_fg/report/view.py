@@ -9,7 +9,8 @@ import numpy as np
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.io.camera_results import std_translation_mm
-from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result
 from handeye_fg.report import wording
 
 Trace = dict[str, object]

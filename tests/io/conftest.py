@@ -12,7 +12,8 @@ from handeye_fg.findings import (
     OtherIntrinsics,
 )
 from handeye_fg.frames import exp
-from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result, SfmSummary
 from handeye_fg.types import CameraModel
 
 X = exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))

@@ -16,7 +16,8 @@ from handeye_fg.findings import (
     RobotErrors,
 )
 from handeye_fg.io.certainty import CertaintyReport
-from handeye_fg.io.results import ImageReport, Result, SfmSummary
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result, SfmSummary
 from handeye_fg.point_errors import accuracy
 from handeye_fg.types import CameraModel
 

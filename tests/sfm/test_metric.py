@@ -10,7 +10,8 @@ import pytest
 import handeye_fg as hf
 from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.io.results import ImageReport, Result
+from handeye_fg.io.image_results import ImageReport
+from handeye_fg.io.results import Result
 from handeye_fg.sfm import read_model, write_metric
 from handeye_fg.types import CameraModel
 
