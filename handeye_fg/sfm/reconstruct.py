@@ -38,6 +38,7 @@ from handeye_fg.sfm.model import FEWEST_IMAGES, to_fragment, to_sfm_model, too_f
 from handeye_fg.sfm.pairs import RobotGuide, by_robot, match_by_robot
 from handeye_fg.sfm.self_calibration import with_centre
 from handeye_fg.sfm.stages import DATABASE, Stage, open_stage, prepare
+from handeye_fg.sfm.unplaced import fragments_of, unplaced
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment, SfmModel
 
@@ -50,8 +51,6 @@ _ENOUGH = 0.9
 _FEWEST_POINTS = 150
 # Inliers in the best pair of the median image, twenty times what makes a pair: enough to place it.
 _PLENTY_OF_MATCHES = 300
-# Fewer inliers than this in its best pair: an image was not matched (COLMAP's least is 15).
-_FEWEST_MATCHES = 15
 # Part of all pairs of images that turn as the robot does; with a fifth of the robot poses wrong it is 0.64.
 _AGREEMENT = 0.5
 _STATIC = (
@@ -176,12 +175,12 @@ def reconstruct(
     reconstruction = found.reconstruction
     if found.refined:
         reconstruction = with_centre(reconstruction)
-    unregistered = _unregistered(found, names)
+    unregistered = unplaced(reconstruction, found.matches.database, names)
     model = to_sfm_model(reconstruction, unregistered)
     model = replace(
         model,
         static_share=found.static_share,
-        fragments=_apart(found.fragments, [name for name, _ in unregistered]),
+        fragments=fragments_of(found.fragments, [name for name, _ in unregistered]),
     )
     publish(task.stages, folder, found.matches.database, reconstruction, model, digest)
     return model
@@ -383,39 +382,3 @@ def _mapped(
     stage.finish()
     folders = [stage.folder / str(k) for k in range(stage.facts["models"])]
     return [pycolmap.Reconstruction(folder) for folder in folders]
-
-
-def _apart(fragments: Sequence[Fragment], missing: Sequence[str]) -> tuple[Fragment, ...]:
-    """Of overlapping fragments those that together hold the most of the missing images."""
-    chosen: list[Fragment] = []
-    left = set(missing)
-    while fragments:
-        best = max(fragments, key=lambda fragment: len(left.intersection(fragment.names)))
-        if len(left.intersection(best.names)) < FEWEST_IMAGES:
-            break
-        left.difference_update(best.names)
-        chosen.append(best)
-    return tuple(chosen)
-
-
-def _unregistered(found: _Found, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """(name, reason) of the images without pose."""
-    if found.reconstruction is None:
-        return ()
-    placed = {found.reconstruction.images[i].name for i in found.reconstruction.reg_image_ids()}
-    summary = matching_summary(found.matches.database)
-    return tuple(
-        (name, _reason(*summary.get(name, (0, 0)))) for name in sorted(names) if name not in placed
-    )
-
-
-def _reason(n_features: int, n_matches: int) -> str:
-    """Why an image has no pose, from its features and the inliers in its best pair."""
-    if n_features == 0:
-        return "no features found"
-    if n_matches < _FEWEST_MATCHES:
-        return (
-            f"none of its {n_features} features matched another image's in a common geometry: it shows "
-            "something else, or too little of the same"
-        )
-    return f"not enough matches in the scene's points ({n_matches} in its best pair)"

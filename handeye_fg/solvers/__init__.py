@@ -18,6 +18,7 @@ from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.solvers.andreff import andreff
 from handeye_fg.solvers.andreff_scale import andreff_scale
+from handeye_fg.solvers.consensus import only
 from handeye_fg.solvers.daniilidis import daniilidis
 from handeye_fg.solvers.horaud_dornaika import horaud_dornaika
 from handeye_fg.solvers.li import li
@@ -29,7 +30,7 @@ from handeye_fg.solvers.residuals import (
     row_residuals,
     world_of,
 )
-from handeye_fg.solvers.robust import Majority, majority, only, trusted_rows
+from handeye_fg.solvers.robust import Majority, majority, trusted_rows
 from handeye_fg.solvers.shah import shah
 from handeye_fg.solvers.solution import Solution, Solver
 from handeye_fg.solvers.tsai_lenz import tsai_lenz

@@ -10,7 +10,7 @@ from handeye_fg.frames import Array, exp, inverse, rotation_angle, scaled
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.simulate import Motion, Truth, disturbed, simulate_poses
 from handeye_fg.solvers import andreff_scale, linear_start, only, trusted_rows
-from handeye_fg.solvers.robust import Rows
+from handeye_fg.solvers.consensus import Rows
 
 # A good arm and good camera poses; a bad arm and bad camera poses. Radians, metres.
 GOOD = {"robot_rotation_sigma": 2e-4, "robot_translation_sigma": 5e-5}
