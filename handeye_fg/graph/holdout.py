@@ -18,12 +18,13 @@ from scipy import special
 
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
-from handeye_fg.findings import NoiseLevels, Tracks
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution, solve
 from handeye_fg.graph.reduced import Linearised, predicted_together
 from handeye_fg.graph.reprojection import derivatives, reprojection_errors
 from handeye_fg.graph.variables import State
+from handeye_fg.types import Tracks
 
 _FEWEST_USED = 4
 
