@@ -16,7 +16,8 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Linearised, predicted_covariance
 
-# A pose of whose residual less than this part is left, in some direction, is not controlled by the rest.
+# A pose of whose residual less than this part is left, in some direction, is not controlled by the rest: an
+# image that two points hold agrees with every robot pose as far as the linearised problem can tell.
 _LEAST_CONTROL = 1e-6
 
 
@@ -54,7 +55,8 @@ def deletions(linearised: Linearised, solution: Solution, trusted: NDArray[np.bo
     x_columns = linearised.layout.x_columns()
     lengths, x_step = np.full((len(left), 2), np.nan), np.full((len(left), 6), np.nan)
     for i in np.flatnonzero(np.isfinite(left).all(axis=(1, 2))):
-        if np.linalg.eigvalsh(left[i])[0] < _LEAST_CONTROL:
+        least, *_, most = np.linalg.eigvalsh(left[i])
+        if (least if trusted[i] else 1.0 / most) < _LEAST_CONTROL:
             continue
         if trusted[i]:
             covariance = np.linalg.inv(left[i])

@@ -2,7 +2,8 @@
 
 Where cameras share robot poses, structure from motion alone gives the pose of one in the other, in its
 own unit. Their images then are images of one camera, and the closed form serves for all together. A
-camera that is not tied to the others so is placed by the robot, in the world that they gave.
+camera that is not tied to the others so is placed by the robot, in the world that they gave; the robot
+poses of its images are trusted where they agree with each other.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,8 @@ from handeye_fg import frames
 from handeye_fg.findings import LinearStart
 from handeye_fg.frames import Array
 from handeye_fg.known import OfXAndScale
-from handeye_fg.solvers import linear_start
+from handeye_fg.motions import PosePairs
+from handeye_fg.solvers import linear_start, trusted_rows
 from handeye_fg.types import Rig
 
 
@@ -55,13 +57,17 @@ def rig_start(
     )
     scale, base_T_world = start.metres_per_world_unit, np.asarray(start.base_T_world)
     X = start.gripper_T_camera @ frames.scaled(lead_T_cameras, scale)
-    for k in np.flatnonzero(~tied).tolist():
-        seen = rig.camera == k
-        base_T_camera = base_T_world @ frames.scaled(world_T_camera[seen], scale)
-        X[k] = _typical(frames.inverse(base_T_gripper[rig.pose[seen]]) @ base_T_camera)
     trusted = np.ones(len(base_T_gripper), dtype=bool)
     if start.trusted is not None:
         trusted[poses] = start.trusted
+    for k in np.flatnonzero(~tied).tolist():
+        seen = rig.camera == k
+        base_T_camera = base_T_world @ frames.scaled(world_T_camera[seen], scale)
+        robot = base_T_gripper[rig.pose[seen]]
+        X[k] = _typical(frames.inverse(robot) @ base_T_camera)
+        trusted[rig.pose[seen]] = trusted_rows(
+            PosePairs(base_T_gripper=robot, world_T_camera=base_T_camera), scale_known=True
+        )
     first_T_cameras = frames.inverse(X[0]) @ X
     return replace(start, gripper_T_camera=X[0], first_T_cameras=first_T_cameras, trusted=trusted)
 

@@ -74,6 +74,22 @@ def test_swapped_robot_poses_are_not_trusted():
     np.testing.assert_array_equal(np.flatnonzero(~found.trusted), [4, 11])
 
 
+def test_the_other_camera_tells_which_of_its_own_robot_poses_are_wrong():
+    scene = simulate_rig(
+        np.random.default_rng(2),
+        n_cameras=2,
+        n_poses=20,
+        n_points=40,
+        missing=frozenset((i % 2, i) for i in range(20)),
+    )
+    reported = np.array(scene.robot_poses.base_T_gripper)
+    lead, other = (np.flatnonzero(scene.rig.camera == k) for k in range(2))
+    wrong = scene.rig.pose[[lead[4], lead[7], other[2], other[6]]]
+    reported[wrong] = reported[np.roll(wrong, 1)]
+    found = start_of(scene, reported=reported)
+    np.testing.assert_array_equal(np.flatnonzero(~found.trusted), np.sort(wrong))
+
+
 def test_the_order_of_images_does_not_matter():
     scene = simulate_rig(np.random.default_rng(3), n_cameras=2, n_poses=8, n_points=40)
     order = np.random.default_rng(4).permutation(16)
