@@ -1,11 +1,12 @@
 """Images and fragments that structure from motion left apart, joined through the robot; ``joined``.
 
-X is common to all of them. From the fragments whose motions agree with the robot's it is found in closed
-form; it says where each fragment lies in the robot's base, and where the images were that hang together
-with none. What the matches say against that stays apart.
+X of a camera is common to all of them. From the fragments whose motions agree with the robot's it is found in
+closed form; it says where each fragment lies in the robot's base, and where the images were that hang together
+with none. What the matches say against that stays apart. Several cameras on one arm are joined in the same
+way, each with its own X, even where no image of one matches any of the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from handeye_fg.parts import as_fragment, only
 from handeye_fg.solvers import trusted_rows
 from handeye_fg.solvers.residuals import differences
 from handeye_fg.solvers.worlds import InWorld, common_start, in_world
-from handeye_fg.types import Fragment, SfmModel, folders_of
+from handeye_fg.types import Fragment, SfmModel, folder_of
 
 # So many motions, all fragments together, whose residuals (radians; part of the cameras' extent) are no
 # larger, place further cameras to some pixels.
@@ -34,13 +35,16 @@ _FEWEST_LINKED = 3
 _FALSELY_LINKED = "its matches put it elsewhere than the robot does"
 _CONTRADICTS = "placed with {} others, apart from the rest, but they do not move as the robot did"
 
+_X = Mapping[str, Array]
+"""gripper_T_camera (4, 4), metres, of the camera of each folder of images."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Part:
-    """A fragment beside what the robot reported; ``data`` without the poses that disagree."""
+    """A fragment beside what the robot reported; ``data``: by camera, without the poses that disagree."""
 
     fragment: Fragment
-    data: PosePairs
+    data: Mapping[str, PosePairs]
 
 
 def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
@@ -51,23 +55,22 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
         inputs: the inputs.
         folder: of the reconstruction.
     """
-    if len(folders_of(inputs.names)) > 1:  # X is of one camera
-        return model
     model = _without_false_links(model, inputs)
-    missing = [name for name, _ in model.unregistered]
-    if not missing:
+    if not model.unregistered:
         return model
-    main = as_fragment(model)
-    parts = [_part(fragment, inputs) for fragment in (main, *model.fragments)]
+    parts = [_part(fragment, inputs) for fragment in (as_fragment(model), *model.fragments)]
     X = _common(parts)
-    home = None if X is None else _agreeing(parts[0], X)
-    if X is None or home is None:
+    home = _agreeing(parts[0], X)
+    missing = [name for name, _ in model.unregistered if folder_of(name) in X]
+    if home is None or not missing:
         return model
     # Where the robot says that they were; in a fragment they are nearer to each other than the robot says.
-    in_base = dict(zip(missing, inputs.robot_poses(missing) @ X, strict=True))
+    in_base = dict(zip(missing, _by_robot(missing, inputs, X), strict=True))
     contradicting: dict[str, str] = {}
     for part in parts[1:]:
         world, fragment = _agreeing(part, X), part.fragment
+        if world is None and not part.data.keys() & X.keys():
+            continue
         if world is None:
             why = _CONTRADICTS.format(len(fragment.names) - 1)
             contradicting |= dict.fromkeys(fragment.names, why)
@@ -82,7 +85,12 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
     expected = frames.scaled(
         frames.inverse(home.base_T_world) @ base_T_camera, 1.0 / home.metres_per_world_unit
     )
-    full = sfm.complete(folder, model, dict(zip(missing, expected, strict=True)))
+    cameras = {
+        name: camera
+        for fragment in (*reversed(model.fragments), as_fragment(model))
+        for name, camera in fragment.cameras.items()
+    }
+    full = sfm.complete(folder, model, dict(zip(missing, expected, strict=True)), cameras)
     return replace(
         full,
         unregistered=tuple((name, contradicting.get(name, why)) for name, why in full.unregistered),
@@ -91,24 +99,41 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
 
 
 def elsewhere(model: SfmModel, inputs: Inputs) -> NDArray[np.bool_]:
-    """Which images (n,) of one camera are far from where the robot had it; none where X is not sure."""
+    """Which images (n,) are far from where the robot had them; none of a camera whose X is not sure."""
     part = _part(as_fragment(model), inputs)
-    X = _sure([part])
-    world = None if X is None else _agreeing(part, X)
-    if X is None or world is None:
-        return np.zeros(len(model.names), dtype=np.bool_)
-    camera = frames.scaled(model.world_T_camera, world.metres_per_world_unit)
-    angle, distance = differences(inputs.robot_poses(model.names) @ X, world.base_T_world @ camera)
-    return np.asarray(
-        (angle > _FAR_ROTATION) | (distance > _FAR_TRANSLATION * _extent(part, world))
-    )
+    X = _sure_ones(part)
+    world = _agreeing(part, X)
+    far = np.zeros(len(model.names), dtype=np.bool_)
+    if world is None:
+        return far
+    told = np.array([folder_of(name) in X for name in model.names])
+    camera = frames.scaled(model.world_T_camera[told], world.metres_per_world_unit)
+    names = [name for name in model.names if folder_of(name) in X]
+    angle, distance = differences(_by_robot(names, inputs, X), world.base_T_world @ camera)
+    extent = _extent(part.data.values(), world)
+    far[told] = (angle > _FAR_ROTATION) | (distance > _FAR_TRANSLATION * extent)
+    return far
+
+
+def _by_robot(names: Sequence[str], inputs: Inputs, X: _X) -> Array:
+    """Where the robot had the cameras of images: base_T_camera (n, 4, 4)."""
+    return np.asarray(inputs.robot_poses(names) @ [X[folder_of(name)] for name in names])
 
 
 def _moves_as_reported(fragment: Fragment, inputs: Inputs) -> NDArray[np.bool_]:
-    """Which of a fragment's images (n,), of one camera, have a robot pose that agrees with the others'."""
+    """Which of a fragment's images (n,) have a robot pose that agrees with those of the same camera."""
     reported = inputs.robot_poses(fragment.names)
-    data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera)
-    return trusted_rows(data, scale_known=False)
+    right = np.ones(len(fragment.names), dtype=np.bool_)
+    for own in _of_each_camera(fragment).values():
+        data = PosePairs(base_T_gripper=reported[own], world_T_camera=fragment.world_T_camera[own])
+        right[own] = trusted_rows(data, scale_known=False)
+    return right
+
+
+def _of_each_camera(fragment: Fragment) -> dict[str, NDArray[np.bool_]]:
+    """Which of a fragment's images (n,) each camera took."""
+    folders = [folder_of(name) for name in fragment.names]
+    return {name: np.array([name == other for other in folders]) for name in sorted({*folders})}
 
 
 def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
@@ -121,9 +146,8 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
     names = [name for name, is_right in zip(main.names, right, strict=True) if not is_right]
     if len(names) < _FEWEST_LINKED:
         return model
-    elsewhere = Fragment(names=tuple(names), world_T_camera=main.world_T_camera[~right])
-    X = _sure([_part(main, inputs)])
-    if X is None or _agreeing(_part(elsewhere, inputs), X) is None:
+    elsewhere = replace(main, names=tuple(names), world_T_camera=main.world_T_camera[~right])
+    if _agreeing(_part(elsewhere, inputs), _sure_ones(_part(main, inputs))) is None:
         return model
     kept = only(model, [name for name in main.names if name not in names])
     return replace(
@@ -135,50 +159,81 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
 
 def _part(fragment: Fragment, inputs: Inputs) -> _Part:
     right = _moves_as_reported(fragment, inputs)
-    reported = inputs.robot_poses(fragment.names)[right]
-    data = PosePairs(base_T_gripper=reported, world_T_camera=fragment.world_T_camera[right])
+    reported = inputs.robot_poses(fragment.names)
+    data = {
+        name: PosePairs(
+            base_T_gripper=reported[own & right],
+            world_T_camera=fragment.world_T_camera[own & right],
+        )
+        for name, own in _of_each_camera(fragment).items()
+    }
     return _Part(fragment=fragment, data=data)
 
 
-def _common(parts: Sequence[_Part]) -> Array | None:
-    """X (4, 4) of the fragments that agree on it; None if it is not sure.
+def _common(parts: Sequence[_Part]) -> _X:
+    """X of the cameras of which it is sure."""
+    names = {name for part in parts for name in part.data}
+    found = {
+        name: _of_those_that_agree(
+            [part.data[name] for part in parts if name in part.data and len(part.data[name]) > 1]
+        )
+        for name in sorted(names)
+    }
+    return {name: X for name, X in found.items() if X is not None}
 
-    A fragment that contradicts the robot must not spoil the others: the first X is that of one
-    fragment, or where none suffices that of all.
+
+def _sure_ones(part: _Part) -> _X:
+    """X of the cameras of which one part is sure."""
+    found = {name: _sure([data]) for name, data in part.data.items()}
+    return {name: X for name, X in found.items() if X is not None}
+
+
+def _of_those_that_agree(worlds: Sequence[PosePairs]) -> Array | None:
+    """X (4, 4) of the worlds of one camera that agree on it; None if it is not sure.
+
+    One that contradicts the robot must not spoil the others: the first X is that of one world, or where none
+    suffices that of all.
     """
-    for chosen in (*([part] for part in parts), list(parts)):
+    for chosen in (*([data] for data in worlds), list(worlds)):
         X = _sure(chosen)
-        agreeing = [part for part in parts if X is not None and _agreeing(part, X) is not None]
+        agreeing = [data for data in worlds if X is not None and _world(((data, X),)) is not None]
         better = _sure(agreeing)
         if better is not None:
             return better
     return None
 
 
-def _sure(parts: Sequence[_Part]) -> Array | None:
-    """X of fragments if it can say where further cameras were."""
-    if sum(len(part.data) - 1 for part in parts) < _FEWEST_MOTIONS:
+def _sure(worlds: Sequence[PosePairs]) -> Array | None:
+    """X of one camera in some worlds if it can say where further images of it were taken."""
+    if sum(len(data) - 1 for data in worlds) < _FEWEST_MOTIONS:
         return None
     try:
-        X = common_start([part.data for part in parts])
+        X = common_start(worlds)
     except HandEyeError:
         return None
-    return X if all(_agreeing(part, X) is not None for part in parts) else None
+    return X if all(_world(((data, X),)) is not None for data in worlds) else None
 
 
-def _agreeing(part: _Part, X: Array) -> InWorld | None:
-    """How a fragment lies in the base; None where it does not move as the robot did."""
-    world = in_world(part.data, X)
+def _agreeing(part: _Part, X: _X) -> InWorld | None:
+    """How a fragment lies in the base; None where it does not move as the robot did, or no X is known."""
+    return _world([(data, X[name]) for name, data in part.data.items() if name in X])
+
+
+def _world(cameras: Sequence[tuple[PosePairs, Array]]) -> InWorld | None:
+    """How a world lies in the base, from the poses of cameras and their X; None where they contradict it."""
+    moving = [(data, X) for data, X in cameras if len(data) > 1]
+    data = [data for data, _ in moving]
+    world = in_world(data, [X for _, X in moving])
     if world is None:
         return None
     right = (
         world.residual_rotation < _SURE_ROTATION
-        and world.residual_translation < _SURE_TRANSLATION * _extent(part, world)
+        and world.residual_translation < _SURE_TRANSLATION * _extent(data, world)
     )
     return world if right else None
 
 
-def _extent(part: _Part, world: InWorld) -> float:
+def _extent(data: Iterable[PosePairs], world: InWorld) -> float:
     """How far the cameras are spread, metres."""
-    centres = world.metres_per_world_unit * part.data.world_T_camera[:, :3, 3]
-    return float(np.sqrt(np.sum(np.var(centres, axis=0))))
+    centres = np.concatenate([one.world_T_camera[:, :3, 3] for one in data])
+    return float(world.metres_per_world_unit * np.sqrt(np.sum(np.var(centres, axis=0))))

@@ -18,10 +18,10 @@ from handeye_fg.parts import only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
-from handeye_fg.types import CameraModel, KnownPoints, SfmModel, folders_of
+from handeye_fg.types import CameraModel, KnownPoints, SfmModel
 
 _FEWEST_IMAGES = 3
-# Of the median image's points: less is few.
+# Of the points of the camera's median image: less is few.
 _FEW_POINTS = 0.25
 _FOREIGN = (
     "its matches put it elsewhere than the robot does: it shows something else or too "
@@ -143,14 +143,15 @@ def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
     wrong. What an image without pose looks like is told as its reason.
     """
     flawed = flaws(inputs.looks)
-    one_camera = len(folders_of(inputs.names)) == 1
-    far = elsewhere(model, inputs) if one_camera else [False] * len(model.names)
     points = np.bincount(model.tracks.image_index, minlength=len(model.names))
-    fewest = _FEW_POINTS * np.median(points)
+    own = [points[model.image_camera == k] for k in range(len(model.cameras))]
+    fewest = _FEW_POINTS * np.array([np.median(n) for n in own])[model.image_camera]
+    suspect = (points < fewest).tolist()
+    far = elsewhere(model, inputs).tolist()
     weak = {
-        name: f"{flawed.get(name, _FOREIGN)}; only {n} points hold it"
-        for name, n, is_far in zip(model.names, points.tolist(), far, strict=True)
-        if n < fewest and (name in flawed or is_far)
+        name: f"{flawed.get(name, _FOREIGN)}; only {points[i]} points hold it"
+        for i, name in enumerate(model.names)
+        if suspect[i] and (name in flawed or far[i])
     }
     if len(model.names) - len(weak) < _FEWEST_IMAGES:
         weak = {}

@@ -3,7 +3,7 @@
 Arrays are copied to float64 (indices to int64) and made read-only. Types that hold arrays compare by identity.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Literal
@@ -145,10 +145,12 @@ class Fragment:
     Attributes:
         names: names (n,) of the images.
         world_T_camera: camera poses (n, 4, 4).
+        cameras: the intrinsics for each folder of images.
     """
 
     names: tuple[str, ...]
     world_T_camera: Array
+    cameras: Mapping[str, CameraModel]
 
     def __post_init__(self) -> None:
         poses = frozen_array(self.world_T_camera, (len(self.names), 4, 4), "world_T_camera")

@@ -39,7 +39,7 @@ def inputs(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Inp
         tracks.image_index,
         tracks.point_index + apart * len(tracks.points_world),
         tracks.pixels,
-        scene.camera,
+        {".": scene.camera},
     )
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0

@@ -28,7 +28,7 @@ def asked(monkeypatch):
     """Where images are asked for; none is placed."""
     poses = {}
 
-    def complete(_folder, model, expected):
+    def complete(_folder, model, expected, _cameras):
         poses.update(expected)
         return model
 
@@ -55,7 +55,8 @@ ELSEWHERE = frames.exp(np.array([0.5, -1.0, 0.3, 4.0, 2.0, -1.0]))
 
 def fragment(model, which, scale=0.3):
     poses = frames.scaled(ELSEWHERE @ model.world_T_camera[which], scale)
-    return Fragment(names=tuple(model.names[i] for i in which), world_T_camera=poses)
+    names = tuple(model.names[i] for i in which)
+    return Fragment(names=names, world_T_camera=poses, cameras={".": model.camera})
 
 
 def in_parts(model, *parts):

@@ -87,14 +87,23 @@ def stored_model(folder: Path, digest: str) -> SfmModel | None:
         unregistered = tuple((str(name), str(reason)) for name, reason in stored["unregistered"])
         static_share = float(stored["static_share"])
         fragments = tuple(
-            Fragment(names=tuple(map(str, names)), world_T_camera=np.array(poses, dtype=float))
-            for names, poses in stored["fragments"]
+            Fragment(
+                names=tuple(map(str, names)),
+                world_T_camera=np.array(poses, dtype=float),
+                cameras={folder: _camera(*camera) for folder, camera in cameras.items()},
+            )
+            for names, poses, cameras in stored["fragments"]
         )
         reconstruction = pycolmap.Reconstruction(folder)
     except (OSError, ValueError, LookupError, TypeError, RuntimeError):
         return None  # damaged or of another version: made again
     model = to_sfm_model(reconstruction, unregistered)
     return replace(model, static_share=static_share, fragments=fragments)
+
+
+def _camera(model: str, width: int, height: int, params: Sequence[float]) -> CameraModel:
+    """A camera as it was described."""
+    return CameraModel(model=model, width=width, height=height, params=np.array(params))
 
 
 def check_replaceable(folder: Path) -> None:
@@ -157,7 +166,10 @@ def publish(
         "digest": digest,
         "unregistered": model.unregistered,
         "static_share": model.static_share,
-        "fragments": [[one.names, one.world_T_camera.tolist()] for one in model.fragments],
+        "fragments": [
+            [one.names, one.world_T_camera.tolist(), described(one.cameras)]
+            for one in model.fragments
+        ],
     }
     try:
         with part(stages) as work:

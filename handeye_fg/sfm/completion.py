@@ -20,7 +20,7 @@ from handeye_fg.frames import Array
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.sfm.native import run_cancellable
 from handeye_fg.sfm.stages import DATABASE
-from handeye_fg.types import CameraModel, SfmModel
+from handeye_fg.types import CameraModel, SfmModel, folder_of
 
 # Matches this near to their epipolar lines agree with the cameras (pixels): an X that is off by a degree's
 # tenth and a millimetre or two moves them by two.
@@ -44,14 +44,20 @@ class _Pair:
     matches: NDArray[np.uint32]
 
 
-def complete(folder: Path, model: SfmModel, expected: Mapping[str, Array]) -> SfmModel:
+def complete(
+    folder: Path,
+    model: SfmModel,
+    expected: Mapping[str, Array],
+    cameras: Mapping[str, CameraModel],
+) -> SfmModel:
     """Place images that a model left out.
 
     Args:
         folder: of the reconstruction, with its database.
-        model: the reconstruction, of one camera.
+        model: the reconstruction.
         expected: by name of an image that it left out, where the camera was: world_T_camera (4, 4), to
             some pixels.
+        cameras: the intrinsics for each folder of images.
 
     Returns:
         The model with those of the images whose matches agree; itself if there are none.
@@ -63,15 +69,19 @@ def complete(folder: Path, model: SfmModel, expected: Mapping[str, Array]) -> Sf
     with TemporaryDirectory() as scratch:
         work = Path(scratch)
         with pycolmap.Database.open(folder / DATABASE) as source:
-            numbers = {image.name: image.image_id for image in source.read_all_images()}
+            images = {image.name: image for image in source.read_all_images()}
+            numbers = {name: image.image_id for name, image in images.items()}
             at = {numbers[name]: pose for name, pose in poses.items()}
-            pairs = _agreeing(source, at, model.camera)
+            lenses = {
+                numbers[n]: _native(cameras[folder_of(n)], images[n].camera_id) for n in poses
+            }
+            pairs = _agreeing(source, at, lenses)
             new = {numbers[name] for name in expected}
             joined = {i for pair in pairs for i in (pair.first, pair.second)} & new
             if not joined:
                 return model
             known = {i: pose for i, pose in at.items() if i in joined or i not in new}
-            start = _reconstruction(source, known, model.camera)
+            start = _reconstruction(source, known, lenses)
         database = _database(folder / DATABASE, pairs, work / DATABASE)
         found = _adjusted(start, database, work)
     for image in list(found.images.values()):
@@ -82,13 +92,13 @@ def complete(folder: Path, model: SfmModel, expected: Mapping[str, Array]) -> Sf
     return replace(to_sfm_model(found, unregistered), static_share=model.static_share)
 
 
-def _agreeing(db: pycolmap.Database, at: Mapping[int, Array], camera: CameraModel) -> list[_Pair]:
+def _agreeing(
+    db: pycolmap.Database, at: Mapping[int, Array], lenses: Mapping[int, pycolmap.Camera]
+) -> list[_Pair]:
     """The pairs of images whose verified matches agree with their cameras."""
-    native = _native(camera)
-    focal = float(np.mean([native.focal_length_x, native.focal_length_y]))
     rays = {
         i: np.insert(
-            native.cam_from_img(np.asarray(db.read_keypoints(i)[:, :2], dtype=float)), 2, 1.0, 1
+            lenses[i].cam_from_img(np.asarray(db.read_keypoints(i)[:, :2], dtype=float)), 2, 1.0, 1
         )
         for i in at
     }
@@ -100,6 +110,7 @@ def _agreeing(db: pycolmap.Database, at: Mapping[int, Array], camera: CameraMode
             continue
         matches = np.asarray(db.read_two_view_geometry(first, second).inlier_matches)
         essential = _essential(frames.inverse(at[second]) @ at[first])
+        focal = np.mean([lenses[first].mean_focal_length(), lenses[second].mean_focal_length()])
         distance = focal * _epipolar_distance(
             essential, rays[first][matches[:, 0]], rays[second][matches[:, 1]]
         )
@@ -125,11 +136,11 @@ def _epipolar_distance(essential: Array, first: Array, second: Array) -> Array:
     return np.asarray(np.abs(np.sum(second * lines, axis=1)) / np.sqrt(square))
 
 
-def _native(camera: CameraModel) -> pycolmap.Camera:
+def _native(camera: CameraModel, camera_id: int) -> pycolmap.Camera:
     native = pycolmap.Camera(
         model=camera.model, width=camera.width, height=camera.height, params=camera.params
     )
-    native.camera_id = 1
+    native.camera_id = camera_id
     return native
 
 
@@ -148,18 +159,18 @@ def _database(source: Path, pairs: Sequence[_Pair], copy: Path) -> Path:
 
 
 def _reconstruction(
-    db: pycolmap.Database, at: Mapping[int, Array], camera: CameraModel
+    db: pycolmap.Database, at: Mapping[int, Array], lenses: Mapping[int, pycolmap.Camera]
 ) -> pycolmap.Reconstruction:
     """Cameras with their poses and features, without points."""
     result = pycolmap.Reconstruction()
-    native = _native(camera)
-    result.add_camera_with_trivial_rig(native)
+    for lens in {lenses[i].camera_id: lenses[i] for i in at}.values():
+        result.add_camera_with_trivial_rig(lens)
     for image in db.read_all_images():
         if image.image_id in at:
             posed = pycolmap.Image(
                 name=image.name,
                 keypoints=np.asarray(db.read_keypoints(image.image_id)[:, :2], dtype=np.float64),
-                camera_id=native.camera_id,
+                camera_id=image.camera_id,
                 image_id=image.image_id,
             )
             camera_T_world = pycolmap.Rigid3d(frames.inverse(at[image.image_id])[:3])

@@ -143,6 +143,10 @@ def to_fragment(reconstruction: pycolmap.Reconstruction) -> Fragment:
     return Fragment(
         names=tuple(image.name for image in images),
         world_T_camera=np.array([world_T_camera(image) for image in images]).reshape(-1, 4, 4),
+        cameras={
+            folder_of(image.name): to_camera_model(reconstruction.cameras[image.camera_id])
+            for image in images
+        },
     )
 
 

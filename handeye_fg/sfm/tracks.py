@@ -1,6 +1,6 @@
 """Reconstruction from points that are already known to belong together; entry point ``from_tracks``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +14,7 @@ from handeye_fg.progress import Progress, silent
 from handeye_fg.sfm.mapping import Rung, map_images, n_registered
 from handeye_fg.sfm.model import FEWEST_IMAGES, to_sfm_model, too_few
 from handeye_fg.sfm.native import run_cancellable
-from handeye_fg.types import CameraModel, Indices, SfmModel
+from handeye_fg.types import CameraModel, Indices, SfmModel, folder_of, folders_of
 
 _NOT_PLACED = "too few of its points could be placed"
 
@@ -47,7 +47,7 @@ def from_tracks(
     """
     with TemporaryDirectory() as folder:
         database = Path(folder) / "tracks.db"
-        _fill(database, names, image_index, point, pixels, camera)
+        _fill(database, names, image_index, point, pixels, dict.fromkeys(folders_of(names), camera))
         verification = pycolmap.TwoViewGeometryOptions()
         verification.ransac.random_seed = seed
         run_cancellable(
@@ -81,22 +81,16 @@ def _fill(
     image_index: Indices,
     point: Indices,
     pixels: Array,
-    camera: CameraModel,
+    cameras: Mapping[str, CameraModel],
 ) -> None:
-    """Write the tracks as features and matches of a database."""
+    """Write the tracks as features and matches of a database; ``cameras``: for each folder of images."""
     rows = [np.flatnonzero(image_index == i) for i in range(len(names))]
     with pycolmap.Database.open(database) as db:
-        native = pycolmap.Camera(
-            model=camera.model, width=camera.width, height=camera.height, params=camera.params
-        )
-        native.has_prior_focal_length = True
-        native.camera_id = db.write_camera(native)
-        rig = pycolmap.Rig()
-        rig.add_ref_sensor(native.sensor_id)
-        rig.rig_id = db.write_rig(rig)
+        rigs = {folder: _add_camera(db, camera) for folder, camera in cameras.items()}
         ids = []
         for name, seen in zip(names, rows, strict=True):
-            image = pycolmap.Image(name=name, camera_id=native.camera_id)
+            rig = rigs[folder_of(name)]
+            image = pycolmap.Image(name=name, camera_id=rig.ref_sensor_id.id)
             image.image_id = db.write_image(image)
             frame = pycolmap.Frame()
             frame.rig_id = rig.rig_id
@@ -110,3 +104,16 @@ def _fill(
             )
             matches = np.column_stack([first, second]).astype(np.uint32)
             db.write_matches(ids[i], ids[j], matches)
+
+
+def _add_camera(db: pycolmap.Database, camera: CameraModel) -> pycolmap.Rig:
+    """Write a camera and a rig of it alone."""
+    native = pycolmap.Camera(
+        model=camera.model, width=camera.width, height=camera.height, params=camera.params
+    )
+    native.has_prior_focal_length = True
+    native.camera_id = db.write_camera(native)
+    rig = pycolmap.Rig()
+    rig.add_ref_sensor(native.sensor_id)
+    rig.rig_id = db.write_rig(rig)
+    return rig

@@ -1,4 +1,4 @@
-"""One camera in several worlds: reconstructions that only the robot joins; ``common_start``.
+"""One camera in several worlds: reconstructions that only the robot joins; ``common_start``, ``in_world``.
 
 Each world has a base_T_world and a unit of its own; X is common. Of M5's two steps (``andreff_scale``)
 the first has no world in it, and the second gets one unknown scale for each:
@@ -87,25 +87,37 @@ def _second_step(pairs: MotionPairs, world: Indices, R_X: Array) -> tuple[Array,
     return least_squares(columns.reshape(-1, columns.shape[2]), -t_A.reshape(-1), pairs)
 
 
-def in_world(data: PosePairs, gripper_T_camera: Array) -> InWorld | None:
-    """How a world lies, from X; None where its motions leave no positive scale.
+def in_world(data: Sequence[PosePairs], gripper_T_cameras: Sequence[Array]) -> InWorld | None:
+    """How a world lies, from X; None where the motions in it leave no positive scale.
 
     Args:
-        data: poses of the robot and of the camera in this world.
-        gripper_T_camera: X (4, 4), metres.
+        data: poses of the robot and of the camera in this world, of each camera.
+        gripper_T_cameras: X (4, 4) of each camera, metres.
     """
-    pairs, X = as_motions(data), gripper_T_camera
+    pairs = [as_motions(one) for one in data]
+    seen = [
+        one.ci_T_cj[:, :3, 3] @ X[:3, :3].T for one, X in zip(pairs, gripper_T_cameras, strict=True)
+    ]
+    square = sum(float(np.sum(ways**2)) for ways in seen)
+    if square == 0.0:
+        return None
     # A X with the origin of the camera's start: what the camera moved, in metres.
-    moved = (pairs.gi_T_gj @ X)[:, :3, 3] - X[:3, 3]
-    seen = pairs.ci_T_cj[:, :3, 3] @ X[:3, :3].T
-    square = float(np.sum(seen**2))
-    scale = float(np.sum(seen * moved)) / square if square > 0.0 else 0.0
+    moved = [
+        (one.gi_T_gj @ X)[:, :3, 3] - X[:3, 3]
+        for one, X in zip(pairs, gripper_T_cameras, strict=True)
+    ]
+    scale = sum(float(np.sum(a * b)) for a, b in zip(seen, moved, strict=True)) / square
     if scale <= 0.0:
         return None
-    angles, lengths = motion_residuals(pairs, X, scale)
+    residuals = [
+        motion_residuals(one, X, scale) for one, X in zip(pairs, gripper_T_cameras, strict=True)
+    ]
+    angles, lengths = (np.concatenate(parts) for parts in zip(*residuals, strict=True))
+    base_T_camera = [one.base_T_gripper @ X for one, X in zip(data, gripper_T_cameras, strict=True)]
+    world_T_camera = np.concatenate([one.world_T_camera for one in data])
     return InWorld(
         base_T_world=average_base_T_world(
-            data.base_T_gripper @ X, scaled(data.world_T_camera, scale)
+            np.concatenate(base_T_camera), scaled(world_T_camera, scale)
         ),
         metres_per_world_unit=scale,
         residual_rotation=float(np.sqrt(np.mean(angles**2))),

@@ -27,7 +27,7 @@ NAMES = ("a.jpg", "b.jpg")
 CAMERA = CameraModel(model="PINHOLE", width=64, height=48, params=np.array([50.0, 50, 32, 24]))
 TURNS = RobotTurns(rotations=np.eye(3)[None], setup="eye-in-hand")
 UNREGISTERED = (("z.jpg", "no features found"),)
-FRAGMENT = Fragment(names=("z.jpg",), world_T_camera=np.eye(4)[None])
+FRAGMENT = Fragment(names=("z.jpg",), world_T_camera=np.eye(4)[None], cameras={".": CAMERA})
 
 
 @pytest.fixture
@@ -105,6 +105,9 @@ def test_a_stored_model_comes_back_only_for_its_inputs(tmp_path: Path) -> None:
     assert model.static_share == 0.25
     assert [fragment.names for fragment in model.fragments] == [("z.jpg",)]
     np.testing.assert_array_equal(model.fragments[0].world_T_camera, np.eye(4)[None])
+    kept = model.fragments[0].cameras["."]
+    assert (kept.model, kept.width, kept.height) == ("PINHOLE", 64, 48)
+    np.testing.assert_array_equal(kept.params, CAMERA.params)
     assert stored_model(folder, "other") is None
     assert [path.name for path in (folder.parent / "stages").iterdir()] == ["strict.db"]
     assert (folder / "database.db").read_bytes() == b"database"
@@ -163,5 +166,7 @@ def test_the_content_says_what_it_was_made_from(tmp_path: Path) -> None:
         "digest": "key",
         "unregistered": [["z.jpg", "no features found"]],
         "static_share": 0.25,
-        "fragments": [[["z.jpg"], [np.eye(4).tolist()]]],
+        "fragments": [
+            [["z.jpg"], [np.eye(4).tolist()], {".": ["PINHOLE", 64, 48, [50.0, 50.0, 32.0, 24.0]]}]
+        ],
     }

@@ -16,7 +16,7 @@ from handeye_fg.sfm.model import to_fragment
 from handeye_fg.sfm.tracks import _fill as fill_with_tracks
 from handeye_fg.simulate import Scene, project, simulate_scene
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import Fragment, SfmModel, Tracks
+from handeye_fg.types import SfmModel, Tracks
 
 N_IMAGES = 10
 # The second images of these pairs show a thing that the first ones show from elsewhere.
@@ -68,7 +68,7 @@ def filled(path: Path, scene: Scene, tracks: Tracks) -> Path:
         tracks.image_index,
         tracks.point_index,
         tracks.pixels,
-        scene.camera,
+        {".": scene.camera},
     )
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = 0
@@ -137,7 +137,7 @@ def test_a_model_is_judged_by_all_images_not_by_those_it_has(scene: Scene, tmp_p
     names, turns = scene.model.names, turns_of(scene)
     whole = to_fragment(found)
     assert model_agreement([whole], names, turns) > 0.99
-    half = Fragment(names=whole.names[:5], world_T_camera=whole.world_T_camera[:5])
+    half = replace(whole, names=whole.names[:5], world_T_camera=whole.world_T_camera[:5])
     assert model_agreement([half], names, turns) == pytest.approx(0.25, abs=0.01)
     assert model_agreement([], names, turns) == 0.0
 
@@ -181,7 +181,7 @@ def test_images_that_only_the_robot_joins_are_added(scene: Scene, halves: Path) 
     off = frames.exp(np.array([2e-4, -2e-4, 2e-4, 0, 0, 0]))
     expected = {name: scene.world_T_camera[i] @ off for i, name in enumerate(scene.model.names)}
     added = {name: expected[name] for name, _ in model.unregistered}
-    full = complete(halves, model, added)
+    full = complete(halves, model, added, {".": scene.camera})
     assert full.names == scene.model.names
     assert full.unregistered == ()
     assert full.mean_reprojection_px < 0.6
@@ -202,4 +202,5 @@ def test_where_expectation_and_matches_disagree_nothing_is_added(
     model = only(scene, list(range(7)))
     wrong = [scene.world_T_camera[i] @ frames.exp(0.2 * np.arange(i - 5, i + 1)) for i in (7, 8, 9)]
     names = [name for name, _ in model.unregistered]
-    assert complete(halves, model, dict(zip(names, wrong, strict=True))) is model
+    expected = dict(zip(names, wrong, strict=True))
+    assert complete(halves, model, expected, {".": scene.camera}) is model

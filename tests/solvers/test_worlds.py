@@ -41,10 +41,10 @@ def test_exact_poses_give_x_whatever_the_worlds_are(seed, sizes):
     worlds, X, scales = in_worlds(seed, sizes)
     found = common_start(worlds)
     np.testing.assert_allclose(found, X, atol=1e-6)
-    units = [in_world(data, found).metres_per_world_unit for data in worlds]
+    units = [in_world([data], [found]).metres_per_world_unit for data in worlds]
     np.testing.assert_allclose(np.array(units) * scales, units[0] * scales[0], rtol=1e-6)
     for data in worlds:
-        world = in_world(data, found)
+        world = in_world([data], [found])
         camera = frames.scaled(data.world_T_camera, world.metres_per_world_unit)
         np.testing.assert_allclose(
             data.base_T_gripper @ found, world.base_T_world @ camera, atol=1e-6
@@ -92,5 +92,6 @@ def test_a_world_that_moves_backwards_has_no_place():
     mirrored = np.array(data.world_T_camera)
     mirrored[:, :3, 3] *= -1.0
     assert (
-        in_world(PosePairs(base_T_gripper=data.base_T_gripper, world_T_camera=mirrored), X) is None
+        in_world([PosePairs(base_T_gripper=data.base_T_gripper, world_T_camera=mirrored)], [X])
+        is None
     )

@@ -1,0 +1,154 @@
+"""Cameras on one arm whose images share nothing: joined through the robot, from matches to X of each."""
+
+import importlib
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from scipy import stats
+
+import handeye_fg as hf
+from handeye_fg import frames
+from handeye_fg.frames import Array
+from handeye_fg.inputs import Inputs
+from handeye_fg.pipeline import solve_scene
+from handeye_fg.progress import Stopwatch, silent
+from handeye_fg.scene import find_scene
+from handeye_fg.sfm.stages import Stage, open_stage
+from handeye_fg.sfm.tracks import _fill as fill_with_tracks
+from handeye_fg.simulate import RigScene, simulate_rig
+from handeye_fg.types import CameraModel
+
+N_POSES = 9
+# The second camera sees finer, so that each must be taken with its own intrinsics.
+LENS = CameraModel(
+    model="OPENCV",
+    width=1280,
+    height=960,
+    params=np.array([1400.0, 1390.0, 630.0, 482.0, 0.05, -0.02, -3e-4, 4e-4]),
+)
+
+
+@pytest.fixture(scope="module")
+def rig() -> RigScene:
+    """The second camera took no image at two of the poses."""
+    return simulate_rig(
+        np.random.default_rng(3),
+        n_poses=N_POSES,
+        n_points=160,
+        start_sigma=0.0,
+        missing=frozenset({(1, 2), (1, 5)}),
+    )
+
+
+def through(lens: CameraModel, rig: RigScene) -> Array:
+    """The observations, those of the second camera as its lens shows them."""
+    tracks = rig.scene.model.tracks
+    first = pycolmap.Camera(model="OPENCV", width=1280, height=960, params=rig.scene.camera.params)
+    second = pycolmap.Camera(model="OPENCV", width=1280, height=960, params=lens.params)
+    mine = rig.rig.camera[tracks.image_index] == 1
+    rays = np.insert(first.cam_from_img(tracks.pixels[mine]), 2, 1.0, axis=1)
+    pixels = np.array(tracks.pixels)
+    pixels[mine] = second.img_from_cam(rays)
+    return pixels
+
+
+def inputs_of(
+    rig: RigScene, folder: Path, monkeypatch: pytest.MonkeyPatch, apart: np.ndarray
+) -> Inputs:
+    """Matches of a rig's images; a number for each, those with different ones share no point."""
+    tracks, names = rig.scene.model.tracks, rig.scene.model.names
+    cameras = {"cam0": rig.scene.camera, "cam1": LENS}
+    database = folder / "tracks.db"
+    fill_with_tracks(
+        database,
+        names,
+        tracks.image_index,
+        tracks.point_index + apart[tracks.image_index] * len(tracks.points_world),
+        through(LENS, rig),
+        cameras,
+    )
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = 0
+    pycolmap.geometric_verification(database, two_view_geometry_options=options)
+    for name in names:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(name.encode())
+
+    def matched(task, _sensitivity) -> Stage:
+        def build(stage: Path, _older) -> dict[str, object]:
+            shutil.copyfile(database, stage / "database.db")
+            return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
+
+        return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
+
+    monkeypatch.setattr(importlib.import_module("handeye_fg.sfm.reconstruct"), "_matched", matched)
+    return Inputs(
+        images=folder,
+        names=names,
+        left_out=(),
+        poses=rig.robot_poses,
+        cameras=cameras,
+        masks=None,
+        digest="",
+    )
+
+
+def off(found: Array, true: Array) -> tuple[float, float]:
+    """Largest angle (degrees) and distance of poses, relative to the first of them, in its unit."""
+    found, true = frames.inverse(found[0]) @ found, frames.inverse(true[0]) @ true
+    unit = np.linalg.norm(true[1, :3, 3]) / np.linalg.norm(found[1, :3, 3])
+    error = frames.log(frames.inverse(true) @ frames.scaled(found, unit))
+    return (
+        float(np.rad2deg(np.linalg.norm(error[:, :3], axis=1)).max()),
+        float(np.linalg.norm(error[:, 3:], axis=1).max()),
+    )
+
+
+def test_cameras_that_share_nothing(
+    rig: RigScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second camera's images come in two parts, none of them with anything of the first camera."""
+    camera, late = rig.rig.camera, np.arange(len(rig.rig.pose)) >= len(rig.rig.pose) - 3
+    inputs = inputs_of(rig, tmp_path, monkeypatch, camera + late)
+    options = hf.Options()
+    scene, inputs = find_scene(inputs, tmp_path / "out" / "sfm", options, silent)
+    model = scene.model
+    assert model.names == rig.scene.model.names
+    assert model.unregistered == ()
+    assert model.by_robot == int(np.sum(camera == 1))
+    assert [one.params[0] for one in model.cameras] == [1100.0, 1400.0]
+    degrees, metres = off(model.world_T_camera, rig.scene.world_T_camera)
+    assert degrees < 0.3
+    assert metres * rig.scene.metres_per_world_unit < 3e-3
+    # The parts are kept: a second run joins them as the first did.
+    again, _ = find_scene(inputs, tmp_path / "out" / "sfm", options, silent)
+    np.testing.assert_array_equal(again.model.world_T_camera, model.world_T_camera)
+    result = solve_scene(scene, inputs, options, Stopwatch(), silent)
+    assert result.status == "ok"
+    assert "were placed with the" in result.message
+    for k, one in enumerate(result.cameras):
+        error = frames.log(frames.inverse(one.matrix) @ rig.gripper_T_cameras[k])
+        assert error @ np.linalg.solve(one.covariance, error) < 6 * stats.f.isf(1e-3, 6, 15)
+        assert np.rad2deg(np.linalg.norm(error[:3])) < 0.05
+        assert np.linalg.norm(error[3:]) < 1e-3
+
+
+def test_a_camera_whose_images_do_not_move_as_the_robot_stays_out(
+    rig: RigScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inputs = inputs_of(rig, tmp_path, monkeypatch, rig.rig.camera)
+    second = rig.rig.camera == 1
+    poses = np.array(rig.scene.robot_poses.base_T_gripper)
+    noise = np.random.default_rng(0).normal(0.0, 0.3, (int(second.sum()), 6))
+    poses[second] = poses[second] @ frames.exp(noise)
+    wrong = replace(rig.scene.robot_poses, base_T_gripper=poses)
+    scene, _ = find_scene(
+        replace(inputs, poses=wrong), tmp_path / "out" / "sfm", hf.Options(), silent
+    )
+    assert {name.partition("/")[0] for name in scene.model.names} == {"cam0"}
+    assert len(scene.model.cameras) == 1
+    assert len(scene.model.unregistered) == int(second.sum())
