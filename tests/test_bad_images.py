@@ -56,7 +56,7 @@ def reconstruction(monkeypatch, scene):
         return replace(model, unregistered=tuple(without.items()))
 
     monkeypatch.setattr(sfm, "reconstruct", reconstruct)
-    monkeypatch.setattr(sfm, "complete", lambda _folder, model, _expected: model)
+    monkeypatch.setattr(sfm, "complete", lambda _folder, model, _expected, _cameras: model)
     return without
 
 

@@ -238,7 +238,7 @@ def test_images_left_out_are_asked_for_where_the_robot_says_they_were(images, sc
     )
     asked = {}
 
-    def complete(_folder, model, expected):
+    def complete(_folder, model, expected, _cameras):
         assert model is part
         asked.update(expected)
         return scene.model
