@@ -1,24 +1,34 @@
 """Robot poses in every format and convention, right and wrong, against reconstructions made once.
 
-    python benchmarks/conventions.py SET=SFM [SET=SFM ...] [--no-estimator]
+    python benchmarks/conventions.py SET=SFM [SET=SFM ...] [--points 1500] [--commands]
 
 A SET is a folder with ``poses.csv`` and ``truth.json`` or ``reference.json``; SFM is the folder ``sfm/`` of a
 calibration of it. The poses are
 
-- written in every format that is written and read back: right if the poses are the same, to what the format's
-  digits allow, and judged right;
+- written in every format, in its own units and in the other one, as they are and inverted, and read back, once with the
+  format recognised and once with it named. Each file that is read is calibrated with the reconstruction (thinned to
+  ``--points`` points, for time), and right if X is that of the set's own poses to 1e-6 (radians and metres). Where the
+  format is not recognised, the refusal must name the format among its choices;
 - spoilt in every way of ``handeye_fg.simulate.careless``: named if the verdict is wrong with the right
   diagnosis first, refused if it is wrong with another or none; passed if the poses are taken for right. Then X is
   estimated, and counts as wrong where it is 1 degree or 10 mm from X of the right poses and complete;
 - written with one convention and read with another, from the numbers of a file (angles in the other unit, axes in
   another order, rotation vectors for angles), in the same way.
 
-Prints a Markdown table.
+With ``--commands`` the spoilt files, and the right one, go through ``handeye-fg calibrate --model`` as well, each in a process of
+its own, with all points: its exit code counts.
+
+Prints Markdown tables.
 """
 
 import argparse
+import json
+import subprocess
+import sys
 import tempfile
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +55,26 @@ MISREAD = {
     ),
     "angles as rotation vector": (("xyz", "deg"), ("rotation-vector", "deg"), "rotation-xyz"),
 }
+# Formats that are more than one kind of file.
+SUFFIXES = {"ros": (".yaml", ".csv"), "matrix": (".txt", ".npy", ".json")}
+SAME_X = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spoilt:
+    """Wrong poses.
+
+    Attributes:
+        way: what was done to them.
+        path: the file that has them.
+        options: how it is read.
+        expected: the diagnosis.
+    """
+
+    way: str
+    path: Path
+    options: hf.PoseFileOptions
+    expected: str
 
 
 def write_angles(poses: RobotPoses, path: Path, rotation: str, angles: str) -> None:
@@ -65,16 +95,41 @@ def named(verdict: Verdict, expected: str) -> bool:
     )
 
 
+def far(X: np.ndarray, right: np.ndarray) -> bool:
+    """Whether X is wrong."""
+    error = frames.log(frames.inverse(X) @ right)
+    return bool(np.rad2deg(np.linalg.norm(error[:3])) > 1.0 or np.linalg.norm(error[3:]) > 0.01)
+
+
+def thinned(model: hf.SfmModel, n_points: int) -> hf.SfmModel:
+    """The model with its points that most images see."""
+    tracks = model.tracks
+    seen = np.bincount(tracks.point_index, minlength=len(tracks.points_world))
+    kept = np.sort(np.argsort(-seen, kind="stable")[:n_points])
+    new_index = np.full(len(seen), -1)
+    new_index[kept] = np.arange(len(kept))
+    rows = new_index[tracks.point_index] >= 0
+    return replace(
+        model,
+        tracks=hf.Tracks(
+            points_world=tracks.points_world[kept],
+            image_index=tracks.image_index[rows],
+            point_index=new_index[tracks.point_index[rows]],
+            pixels=tracks.pixels[rows],
+        ),
+    )
+
+
 class Bench:
     """A set with its reconstruction."""
 
-    def __init__(self, folder: Path, sfm: Path, scratch: Path, *, estimate: bool) -> None:
-        self.model = read_model(sfm)
+    def __init__(self, folder: Path, sfm: Path, scratch: Path, n_points: int) -> None:
+        self.model, self.sfm, self.scratch = read_model(sfm), sfm, scratch
+        self.thin = thinned(self.model, n_points)
         known = folder / "truth.json"
         text = (known if known.exists() else folder / "reference.json").read_text()
         self.setup = "eye-to-hand" if '"base_T_camera"' in text else "eye-in-hand"
         self.poses = read_poses(folder / "poses.csv")
-        self.scratch, self.estimate = scratch, estimate
         row = {name: i for i, name in enumerate(self.poses.names)}
         first = np.flatnonzero(self.model.image_camera == 0)
         rows = np.array([row[Path(self.model.names[k]).name] for k in first])
@@ -86,102 +141,169 @@ class Bench:
             - self.model.world_T_camera[tracks.image_index, :3, 3]
         )
         self.depth = float(np.median(np.linalg.norm(away, axis=1)))
+        self.right = self.calibrated(self.poses)
 
-    def verdict(self, poses: RobotPoses, others=()) -> Verdict:
-        """What the poses are found to be."""
+    def calibrated(self, poses, options: hf.PoseFileOptions | None = None) -> hf.Result:
+        """X from the reconstruction and poses, checked like any others."""
+        options = hf.Options(setup=self.setup, poses=options or hf.PoseFileOptions())
+        return hf.refine(self.thin, poses, options)
+
+    def verdict(self, spoilt: Spoilt) -> Verdict:
+        """What the poses of a file are found to be."""
+        file = open_poses(spoilt.path, spoilt.options)
         return judge(
-            poses, self.rows, self.camera, setup=self.setup, others=others, depth=self.depth
+            file.poses(),
+            self.rows,
+            self.camera,
+            setup=self.setup,
+            others=file_readings(file),
+            depth=self.depth,
         )
 
-    def formats(self) -> tuple[int, int]:
-        """How many formats give the poses back, and are judged right."""
-        right = 0
+    def right_files(self) -> Iterator[tuple[Path, hf.PoseFileOptions]]:
+        """Every format in every variant, with the options that say what the file does not."""
         for name, form in FORMATS.items():
-            path = self.scratch / (name + (".yaml" if form.container == "index" else ""))
-            try:
-                write_poses(self.poses, path, hf.PoseFileOptions(format=name))
-                pairing = "auto" if form.key == "image" else "order"
-                back = read_poses(path, name, images=self.poses.names, pair_by=pairing)
-            except (hf.InputDataError, ValueError) as error:
-                print(f"{name}: {error}")
-                continue
-            same = np.allclose(back.base_T_gripper, self.poses.base_T_gripper, atol=1e-5)
-            right += same and self.verdict(back).kind in ("right", "undecided")
-        return right, len(FORMATS)
+            index = ".yaml" if form.container in ("index", "list") else ".txt"
+            for suffix in SUFFIXES.get(name, (index,)):
+                for units in ("m", "mm"):
+                    for inverted in (False, True):
+                        path = self.scratch / f"{name}-{units}-{inverted}{suffix}"
+                        own = units == form.convention.unit
+                        options = hf.PoseFileOptions(
+                            format=name, units="auto" if own else units, inverted=inverted
+                        )
+                        write_poses(self.poses, path, options)
+                        by_name = form.key == "image" and suffix != ".npy"
+                        by_name |= form.container in ("folder", "index")
+                        yield path, replace(options, pair_by="auto" if by_name else "order")
 
-    def spoilt(self):
-        """(name, verdict, expected, poses) of each wrong way."""
+    def same_x(self) -> tuple[Counter[str], float]:
+        """How many right files give the same X, and the largest difference."""
+        counts: Counter[str] = Counter()
+        largest = 0.0
+        for path, options in self.right_files():
+            for how in ("named", "recognised"):
+                told = options if how == "named" else replace(options, format="auto")
+                counts[f"{how} files"] += 1
+                try:
+                    X = self.calibrated(self._listed(path, told), told).matrix
+                except hf.InputDataError as error:
+                    if how == "recognised" and f"--pose-format {options.format}" in str(error):
+                        counts["asked"] += 1
+                    else:
+                        print(f"{path.name}, {how}: {error}", file=sys.stderr)
+                    continue
+                error = float(np.abs(frames.log(frames.inverse(X) @ self.right.matrix)).max())
+                largest = max(largest, error)
+                counts[how] += error < SAME_X
+        return counts, largest
+
+    def _listed(self, path: Path, options: hf.PoseFileOptions):
+        """The file; of several cameras, whose images share rows, its poses by the rows' names."""
+        if options.pair_by == "auto" and len(self.model.cameras) == 1:
+            return path
+        known = {
+            name: getattr(options, name) for name in ("format", "units", "inverted", "pair_by")
+        }
+        return read_poses(path, images=self.poses.names, **known)
+
+    def spoilt(self) -> Iterator[Spoilt]:
+        """A file for each wrong way."""
         for way, (convert, expected) in WAYS.items():
             poses = replace(self.poses, base_T_gripper=convert(self.poses.base_T_gripper))
-            yield way, self.verdict(poses), expected, poses
-        for way, (written, read, expected) in MISREAD.items():
+            path = write_poses(poses, self.scratch / "spoilt.csv")
+            yield Spoilt(way=way, path=path, options=hf.PoseFileOptions(), expected=expected)
+        for way, (written, (rotation, angles), expected) in MISREAD.items():
             path = self.scratch / "misread.csv"
             write_angles(self.poses, path, *written)
-            rotation, angles = read
-            file = open_poses(
-                path,
-                hf.PoseFileOptions(format="kuka", units="m", rotation=rotation, angles=angles),
-            )
-            poses = file.poses()
-            yield way, self.verdict(poses, file_readings(file)), expected, poses
+            options = hf.PoseFileOptions(format="kuka", units="m", rotation=rotation, angles=angles)
+            yield Spoilt(way=way, path=path, options=options, expected=expected)
 
-    def silently_wrong(self, poses: RobotPoses, right) -> bool:
+    def silently_wrong(self, spoilt: Spoilt) -> bool:
         """Whether poses that passed give a complete X that is wrong."""
         try:
-            result = self.calibrated(poses)
+            result = self.calibrated(spoilt.path, spoilt.options)
         except hf.HandEyeError:
             return False
-        error = frames.log(frames.inverse(result.matrix) @ right.matrix)
-        far = np.rad2deg(np.linalg.norm(error[:3])) > 1.0 or np.linalg.norm(error[3:]) > 0.01
-        return result.status == "ok" and bool(far)
-
-    def calibrated(self, poses: RobotPoses):
-        """X from the reconstruction and poses, checked like any others."""
-        return hf.refine(self.model, poses, hf.Options(setup=self.setup))
+        return result.status == "ok" and far(result.matrix, self.right.matrix)
 
     def line(self, name: str) -> str:
-        """One row of the table."""
-        right, formats = self.formats()
-        counts = {"named": 0, "refused": 0, "passed": 0, "wrong": 0}
+        """One row of the first table."""
+        files, largest = self.same_x()
+        counts: Counter[str] = Counter()
         others = []
-        truth = None
-        for way, verdict, expected, poses in self.spoilt():
-            if named(verdict, expected):
+        for one in self.spoilt():
+            verdict = self.verdict(one)
+            if named(verdict, one.expected):
                 counts["named"] += 1
                 continue
-            others.append(f"{way}: {verdict.kind} {verdict.convention}".strip())
+            others.append(f"{one.way}: {verdict.kind} {verdict.convention}".strip())
             if verdict.kind in ("wrong", "contradiction") or verdict.doubtful:
                 counts["refused"] += 1
                 continue
             counts["passed"] += 1
-            if self.estimate:
-                truth = truth or self.calibrated(self.poses)
-                counts["wrong"] += self.silently_wrong(poses, truth)
+            counts["wrong"] += self.silently_wrong(one)
         total = len(WAYS) + len(MISREAD)
+        recognised = files["recognised files"] - files["asked"]
         return (
-            f"| {name} | {len(self.rows)} | {right}/{formats} | {counts['named']}/{total} | "
-            f"{counts['refused']} | {counts['passed']} | {counts['wrong'] if self.estimate else '-'} | "
+            f"| {name} | {len(self.rows)} | {files['named']}/{files['named files']} | "
+            f"{files['recognised']}/{recognised} + {files['asked']} | {largest:.0e} | "
+            f"{counts['named']}/{total} | {counts['refused']} | {counts['passed']} | {counts['wrong']} | "
             f"{'; '.join(others)} |"
         )
 
+    def command(self, path: Path, options: hf.PoseFileOptions) -> tuple[int, dict]:
+        """Exit code and JSON of the real command."""
+        words = ["calibrate", "-", str(path), "--model", str(self.sfm), "--setup", self.setup]
+        words += ["--output", str(self.scratch / "out"), "--json", "--quiet"]
+        words += ["--pose-format", options.format, "--units", options.units]
+        words += ["--rotation", options.rotation, "--angles", options.angles]
+        program = "import sys; from handeye_fg.supervised import main; sys.exit(main())"
+        done = subprocess.run(
+            [sys.executable, "-c", program, *words], capture_output=True, text=True, check=False
+        )
+        return done.returncode, json.loads(done.stdout)
+
+    def command_line(self, name: str) -> str:
+        """One row of the second table."""
+        path = write_poses(self.poses, self.scratch / "right.csv")
+        right, found = self.command(path, hf.PoseFileOptions())
+        X = np.array(found["calibration"]["matrix"])
+        codes: Counter[int] = Counter()
+        wrong = 0
+        passed = []
+        for one in self.spoilt():
+            code, found = self.command(one.path, one.options)
+            codes[code] += 1
+            if code not in (1, 2):
+                passed.append(f"{one.way}: {code}")
+                wrong += code == 0 and far(np.array(found["calibration"]["matrix"]), X)
+        texts = ", ".join(f"{code}: {codes[code]}" for code in sorted(codes))
+        return f"| {name} | {right} | {texts} | {wrong} | {'; '.join(passed)} |"
+
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("sets", nargs="+", metavar="SET=SFM")
-    parser.add_argument("--no-estimator", action="store_true")
+    parser.add_argument("--points", type=int, default=1500)
+    parser.add_argument("--commands", action="store_true", help="run the command instead")
     arguments = parser.parse_args()
     print(
-        "| set | images | right formats | wrong, named first | refused | passed | confident and wrong | "
-        "not named |\n|---|---|---|---|---|---|---|---|"
+        "| set | exit code, right | exit codes, wrong | 0 and X wrong | not refused |\n|---|---|---|---|---|"
+        if arguments.commands
+        else "| set | images | same X, format named | same X, recognised + asked for the format | largest difference | "
+        "wrong, named first | refused | passed | confident and wrong | not named |\n"
+        "|---|---|---|---|---|---|---|---|---|---|"
     )
     for pair in arguments.sets:
         folder, sfm = map(Path, pair.split("=", 1))
         with tempfile.TemporaryDirectory() as scratch:
-            bench = Bench(folder, sfm, Path(scratch), estimate=not arguments.no_estimator)
-            print(bench.line(folder.name), flush=True)
+            bench = Bench(folder, sfm, Path(scratch), arguments.points)
+            row = bench.command_line if arguments.commands else bench.line
+            print(row(folder.name), flush=True)
 
 
 if __name__ == "__main__":

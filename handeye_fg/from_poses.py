@@ -1,60 +1,29 @@
 """Calibration from pose pairs alone: robot and camera poses, or motions, without images; ``solve``."""
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from handeye_fg.errors import ConvergenceError, InputDataError, UnobservableError
-from handeye_fg.findings import LinearStart, NoiseLevels
+from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import OfXAndScale, in_world_units
-from handeye_fg.motions import MotionPairs, PosePairs, as_motions
-from handeye_fg.observability import analyse
+from handeye_fg.motions import PosePairs
 from handeye_fg.options import CameraNoise, MethodName, PoseFileOptions, RobotNoise, TaskOptions
+from handeye_fg.pair_claims import agreed_answer, as_meant
 from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.pose_outcome import Answer, digest, message, row_reports
+from handeye_fg.pose_solution import Method
 from handeye_fg.priors import AnyPrior, CameraPrior, DistancePrior, ScalePrior
 from handeye_fg.progress import Stopwatch
-from handeye_fg.solvers import (
-    METHODS,
-    Solution,
-    first_order_covariance,
-    only,
-    partial,
-    start_of,
-    trusted_rows,
-)
+from handeye_fg.solvers import METHODS
 from handeye_fg.types import Setup
 
-Rows = NDArray[np.bool_]
-
 _PACKAGES = ("handeye-fg", "numpy", "scipy")
-# Robot and camera that differ by more than this contradict each other: other conventions, units or
-# rows; the noise of poses that are of any use is smaller. Radians, and a part of the camera's own
-# motion (root mean squares over motions).
-_CONTRADICTION_ROTATION = math.radians(15.0)
-_CONTRADICTION_TRANSLATION = 0.5
-# Logarithm of a scale that no inaccurate board or map explains.
-_OTHER_UNIT = 0.2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Refinement:
-    """What the pose graph is told."""
-
-    scale_known: bool
-    inverted: bool
-    camera_noise: Literal["independent", "odometry"] | None
-    noise: RobotNoise | None
-    priors: Sequence[OfXAndScale]
 
 
 def solve(
@@ -142,10 +111,8 @@ def solve(
         raise InputDataError(
             f"unknown method {method!r}: choose one of {', '.join(get_args(MethodName))}"
         )
-    closed_form = method
-    if method == "pose_graph":
-        closed_form = "shah" if metric else "andreff_scale"
-    scale_known = METHODS[closed_form].scale_known
+    robot_file, camera_file = robot_file or PoseFileOptions(), camera_file or PoseFileOptions()
+    scale_known = metric if method == "pose_graph" else METHODS[method].scale_known
     clock = Stopwatch()
     # 1. Read everything, and pair the rows.
     pairs = read_pairs(
@@ -158,30 +125,29 @@ def solve(
         setup=setup,
         motions=motions,
     )
+    pairs = as_meant(pairs, robot_file.convention, camera_file.convention, setup)
     clock.lap("input")
-    known = _known(priors, pairs, scale_known=scale_known)
-    # 2. Leave out the rows that disagree with the majority.
-    trusted = _trusted(pairs.data, seed, scale_known=scale_known, robust=robust)
-    clock.lap("wrong rows")
-    # 3. Solve the rest, or what it determines.
-    answer = _closed_form(pairs.data, trusted, closed_form, known, parent_frame(setup))
-    if method == "pose_graph":
-        how = _Refinement(
-            scale_known=scale_known,
-            inverted=setup == "eye-to-hand",
-            camera_noise=None if camera_noise == "auto" else camera_noise,
-            noise=noise,
-            priors=known,
-        )
-        answer = _refined(pairs.data, answer, how, parent_frame(setup))
+    # 2. Leave out the rows that disagree with the majority, and solve the rest, or what it determines.
+    how = Method(
+        name=method,
+        frame=parent_frame(setup),
+        scale_known=scale_known,
+        inverted=setup == "eye-to-hand",
+        camera_noise=None if camera_noise == "auto" else camera_noise,
+        noise=noise,
+        priors=_known(priors, pairs, scale_known=scale_known),
+        robust=robust,
+        seed=seed,
+    )
+    answer, pairs, converted = agreed_answer(pairs, how, setup, robot_file)
     clock.lap("solution")
-    # 4. X, its covariance, and what is to be known of every row.
+    # 3. X, its covariance, and what is to be known of every row.
     observability = answer.observability
     scale, free = answer.metres_per_world_unit, observability.free_directions
     return Result(
         status="partial" if free else "ok",
         setup=setup,
-        message=message(pairs, answer),
+        message=" ".join(filter(None, (message(pairs, answer), converted.note))),
         matrix=answer.gripper_T_camera,
         covariance=observability.covariance,
         free_directions=free,
@@ -204,6 +170,8 @@ def solve(
             "method": method,
             "robust": "yes" if robust else "no",
             "input_digest": digest(pairs),
+            "convention": ",".join(filter(None, (robot_file.convention, converted.convention)))
+            or "as given",
             "seed": seed,
         },
     )
@@ -250,144 +218,3 @@ def _known(
             "scale instead"
         )
     return in_world_units(priors, (), np.empty((0, 4, 4)))
-
-
-def _trusted(data: PosePairs | MotionPairs, seed: int, *, scale_known: bool, robust: bool) -> Rows:
-    """The rows (n,) that are used: those with a weight, less those that disagree with the others."""
-    trusted = np.asarray(data.weights) > 0.0
-    if robust and trusted.any():
-        trusted[trusted] = trusted_rows(only(data, trusted), scale_known=scale_known, seed=seed)
-    return trusted
-
-
-def _closed_form(
-    data: PosePairs | MotionPairs,
-    trusted: Rows,
-    method: str,
-    priors: Sequence[OfXAndScale],
-    frame: str,
-) -> Answer:
-    """The method's answer; with priors, or where the motions leave something free, that of ``partial``."""
-    rows, scale_known = only(data, trusted), METHODS[method].scale_known
-
-    def answer_of(solution: Solution, name: str, priors: Sequence[OfXAndScale]) -> Answer:
-        start = start_of(rows, solution, name)
-        if scale_known:
-            _require_metres(rows, start)
-        _require_agreement(rows, start)
-        covariance = first_order_covariance(rows, solution, scale_known=scale_known, priors=priors)
-        return Answer(
-            method="least squares" if name == "partial" else name,
-            start=start,
-            gripper_T_camera=start.gripper_T_camera,
-            base_T_world=start.base_T_world,
-            metres_per_world_unit=start.metres_per_world_unit,
-            observability=analyse(covariance, start.gripper_T_camera, frame),
-            trusted=trusted,
-            note="The covariance is approximate: first order, with the noise of the residuals.",
-        )
-
-    answer: Answer | None = None
-    with suppress(UnobservableError):
-        answer = answer_of(METHODS[method].solve(rows), method, ())
-    if answer is None or answer.observability.free_directions or priors:
-        solution = partial(rows, scale_known=scale_known, priors=priors)
-        answer = answer_of(solution, "partial", priors)
-    return answer
-
-
-def _refined(data: PosePairs | MotionPairs, closed: Answer, how: _Refinement, frame: str) -> Answer:
-    """The pose graph's answer, from a closed form; it judges the rows again."""
-    from handeye_fg.graph.poses import pose_graph  # noqa: PLC0415  # GTSAM is for this method alone
-
-    graph = pose_graph(
-        data,
-        closed.start,
-        scale_known=how.scale_known,
-        inverted=how.inverted,
-        camera_noise=how.camera_noise,
-        trusted=closed.trusted,
-        noise=how.noise,
-        priors=how.priors,
-        free=closed.observability.free_basis,
-    )
-    X, scale = graph.gripper_T_camera, graph.metres_per_world_unit
-    levels = {str(name): sigma for name, sigma in graph.noise.items()}
-    drifts = graph.model.scale == "drifting"
-    errors = "accumulate along the rows" if graph.model.camera == "odometry" else "are independent"
-    return replace(
-        closed,
-        method="pose_graph",
-        gripper_T_camera=X,
-        base_T_world=graph.base_T_world if isinstance(data, PosePairs) else None,
-        metres_per_world_unit=scale,
-        observability=analyse(graph.covariance, X, frame),
-        trusted=(np.asarray(data.weights) > 0.0) & ~graph.outliers,
-        note=f"The errors of the camera poses {errors}."
-        + (" Their unit drifts; the scale is that of the first." if drifts else "")
-        + ("" if graph.converged else " The refinement stopped before it converged."),
-        noise=NoiseLevels(
-            pixel=math.nan,
-            robot_rotation=levels["robot_rotation"],
-            robot_translation=levels["robot_translation"],
-            estimated=how.noise is None or how.noise.estimated,
-        ),
-        figures={
-            "degrees_of_freedom": graph.degrees_of_freedom,
-            **_camera_noise(levels, scale),
-        },
-    )
-
-
-def _camera_noise(levels: Mapping[str, float], metres_per_world_unit: float) -> dict[str, float]:
-    """Noise levels of the camera poses, in the units of reports."""
-    figures = {}
-    for name, sigma in levels.items():
-        if name.startswith("robot"):
-            continue
-        if name.endswith("rotation"):
-            figures[f"{name}_deg"] = math.degrees(sigma)
-        elif name.endswith("drift"):
-            figures[f"{name}_percent"] = 100.0 * sigma
-        else:
-            figures[f"{name}_mm"] = 1e3 * metres_per_world_unit * sigma
-    return figures
-
-
-def _require_metres(data: PosePairs | MotionPairs, start: LinearStart) -> None:
-    """Refuse camera translations in another unit: a wrong X absorbs much of a wrong scale.
-
-    Raises:
-        InputDataError: they fit much better with another scale.
-    """
-    with suppress(UnobservableError):
-        other = start_of(data, METHODS["andreff_scale"].solve(data), "andreff_scale")
-        unit = other.metres_per_world_unit
-        if (
-            abs(math.log(unit)) > _OTHER_UNIT
-            and other.residual_translation < 0.5 * start.residual_translation
-        ):
-            raise InputDataError(
-                f"the camera's translations are not in metres: they fit the robot's with {unit:.4g} "
-                "metres per unit; convert them, or use andreff_scale or pose_graph, which find the unit"
-            )
-
-
-def _require_agreement(data: PosePairs | MotionPairs, start: LinearStart) -> None:
-    """Refuse an answer in which robot and camera contradict each other.
-
-    Raises:
-        ConvergenceError: they differ by more than the noise of any poses.
-    """
-    moved = np.linalg.norm(as_motions(data).ci_T_cj[:, :3, 3], axis=1)
-    motion = start.metres_per_world_unit * float(np.sqrt(np.mean(moved**2)))
-    if (
-        start.residual_rotation > _CONTRADICTION_ROTATION
-        or start.residual_translation > _CONTRADICTION_TRANSLATION * motion
-    ):
-        raise ConvergenceError(
-            f"robot and camera contradict each other: over the motions they differ by "
-            f"{math.degrees(start.residual_rotation):.2g} deg and "
-            f"{1e3 * start.residual_translation:.3g} mm, and the camera moved by {1e3 * motion:.3g} "
-            "mm; check the conventions, and that rows belong together"
-        )

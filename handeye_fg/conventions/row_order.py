@@ -9,6 +9,9 @@ import numpy as np
 from handeye_fg.conventions.reading import Conversion, Reading
 from handeye_fg.types import RobotPoses
 
+# Of long lists not every shift, and not every row after which one may have been lost, is tried.
+_FARTHEST_SHIFT, _MOST_LOSSES = 150, 300
+
 
 def of_rows(poses: RobotPoses) -> list[Reading]:
     """Rows that belong to other images."""
@@ -41,7 +44,8 @@ def of_rows(poses: RobotPoses) -> list[Reading]:
                     convert=taken(rows),
                 )
             )
-    for k in range(-(n // 2), n // 2 + 1):
+    farthest = min(n // 2, _FARTHEST_SHIFT)
+    for k in range(-farthest, farthest + 1):
         if k:
             rows = [(i + k) % n for i in range(n)]
             by = f"{abs(k)} row{'' if abs(k) == 1 else 's'}"
@@ -54,7 +58,7 @@ def of_rows(poses: RobotPoses) -> list[Reading]:
                     convert=taken(rows),
                 )
             )
-    for k, first in product((-1, 1), range(2, n - 2)):
+    for k, first in product((-1, 1), range(2, n - 2, 1 + n // _MOST_LOSSES)):
         rows = [i + k * (i >= first) for i in range(n)]
         found.append(
             Reading(

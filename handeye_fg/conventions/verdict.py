@@ -129,6 +129,7 @@ def judge(
     others: Sequence[Reading] = (),
     depth: float | None = None,
     scale_known: bool = False,
+    sizes: bool = True,
     thorough: bool = False,
 ) -> Verdict:
     """Hold every reading of the poses against the camera's.
@@ -141,6 +142,7 @@ def judge(
         others: further readings, such as those of a file's numbers.
         depth: typical distance of the scene from the camera, world units.
         scale_known: whether the world unit is the metre.
+        sizes: whether the sizes of usual arms and scenes tell the unit of the positions.
         thorough: try all readings, even where the poses as given fit beyond doubt.
     """
 
@@ -161,9 +163,11 @@ def judge(
         tried: Sequence[Judged] = (),
         parts: Parts | None = None,
     ) -> Verdict:
-        unit = _unit(
-            best.evidence, in_equations(best.reading), setup, depth, scale_known=scale_known
-        )
+        unit = ""
+        if sizes or scale_known:
+            unit = _unit(
+                best.evidence, in_equations(best.reading), setup, depth, scale_known=scale_known
+            )
         return Verdict(
             kind="wrong" if unit and kind in ("right", "undecided") else kind,
             given=given,

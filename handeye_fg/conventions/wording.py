@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -14,12 +15,15 @@ _OTHER = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
 _MOST_ALIKE = 4
 
 
-def sentence(verdict: Verdict, names: Sequence[str]) -> str:
+def sentence(
+    verdict: Verdict, names: Sequence[str], of: Literal["robot", "camera"] = "robot"
+) -> str:
     """What the poses are, and what to do.
 
     Args:
         verdict: the verdict.
         names: images of the rows that were judged, in their order.
+        of: whose poses were judged; those of the camera have flags of their own in ``solve``.
     """
     match verdict.kind:
         case "right":
@@ -35,25 +39,37 @@ def sentence(verdict: Verdict, names: Sequence[str]) -> str:
                 "file, masks and more images"
             )
         case "wrong":
-            return _wrong(verdict, names)
+            if of == "robot":
+                return _wrong(verdict, names)
+            words = verdict.best.reading.words.replace("gripper_T_base", "camera_T_world")
+            # Held against the robot's poses, they have so many of their units in a metre.
+            unit = 1.0 / verdict.best.evidence.metres_per_world_unit
+            return (
+                f"the camera's poses look {words} ({_instead(verdict, unit, unit)}); "
+                f"{_flags(verdict).replace('--', '--camera-file.')}"
+            )
 
 
 def remedy(verdict: Verdict) -> str:
     """What to do about poses that are not as they are said to be."""
-    reading = verdict.best.reading
-    flags = []
-    if verdict.best is not verdict.given:
-        flags.append(reading.flags or f"run again with --convention {reading.name}")
-    if verdict.unit:
-        flags.append(_unit_flag(verdict.unit))
-    both = " and ".join(flags).replace(" and run again with", " and")
-    if reading.name == "inverted":
+    both = _flags(verdict)
+    if verdict.best.reading.name == "inverted":
         setup = f"--setup {_OTHER[verdict.setup]}"
         if verdict.unit:
             setup += f" and {_unit_flag(verdict.unit).removeprefix('run again with ')}"
         what = "the camera stands still" if verdict.setup == "eye-in-hand" else "the camera moves"
         both = _ordered(verdict, both, f"run again with {setup} if {what}")
     return f"{both}, or with --auto-convention" if verdict.fixable else both
+
+
+def _flags(verdict: Verdict) -> str:
+    """What reads the poses right."""
+    flags, reading = [], verdict.best.reading
+    if verdict.best is not verdict.given:
+        flags.append(reading.flags or f"run again with --convention {reading.name}")
+    if verdict.unit:
+        flags.append(_unit_flag(verdict.unit))
+    return " and ".join(flags).replace(" and run again with", " and")
 
 
 def _wrong(verdict: Verdict, names: Sequence[str]) -> str:
@@ -79,15 +95,18 @@ def _wrong(verdict: Verdict, names: Sequence[str]) -> str:
     if verdict.unit:
         found.append(UNIT_WORDS[verdict.unit])
     what = ", and ".join(found)
-    residual = _residual(verdict.best.evidence, UNITS.get(verdict.unit, 1.0))
-    if verdict.best is not verdict.given:
-        residual += f" instead of {_numbers(verdict.given.evidence)}"
-    else:
-        length = np.linalg.norm(verdict.best.evidence.gripper_T_camera[:3, 3])
-        residual += f", but X is then {length:.3g} m long"
     alike = [one.reading for one in verdict.alike[:_MOST_ALIKE]]
     also = f"; just as well they may look {_listed([one.words for one in alike])}" if alike else ""
-    return f"your poses look {what} ({residual}){also}; {remedy(verdict)}"
+    return f"your poses look {what} ({_instead(verdict, UNITS.get(verdict.unit, 1.0))}){also}; {remedy(verdict)}"
+
+
+def _instead(verdict: Verdict, unit: float, given_unit: float = 1.0) -> str:
+    """How well the poses agree then; units of the positions, metres."""
+    residual = _residual(verdict.best.evidence, unit)
+    if verdict.best is not verdict.given:
+        return f"{residual} instead of {_numbers(verdict.given.evidence, given_unit)}"
+    length = np.linalg.norm(verdict.best.evidence.gripper_T_camera[:3, 3])
+    return f"{residual}, but X is then {length:.3g} m long"
 
 
 def _looks(verdict: Verdict) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised, pose
 from handeye_fg.io.fields import shown
-from handeye_fg.io.poses import open_poses, poses_from_mapping
+from handeye_fg.io.poses import PoseFile, open_poses, poses_from_mapping
 from handeye_fg.io.read_as import ReadAs
 from handeye_fg.motions import MotionPairs, PosePairs
 from handeye_fg.options import PoseFileOptions
@@ -26,13 +26,18 @@ class NamedPairs:
         names: of the rows (n,).
         data: their poses, those of the robot inverted for eye-to-hand; or their motions.
         left_out: (name, reason) of the rows without partner.
-        read_as: how the files of the "robot" and the "camera" were read; without those that are none.
+        files: of the "robot" and the "camera"; without those that came otherwise.
     """
 
     names: tuple[str, ...]
     data: PosePairs | MotionPairs
     left_out: tuple[tuple[str, str], ...]
-    read_as: Mapping[str, ReadAs] = field(default_factory=dict)
+    files: Mapping[str, PoseFile] = field(default_factory=dict)
+
+    @property
+    def read_as(self) -> dict[str, ReadAs]:
+        """How the files were read."""
+        return {whose: file.read_as for whose, file in self.files.items()}
 
 
 def read_pairs(
@@ -64,11 +69,14 @@ def read_pairs(
     Raises:
         InputDataError: a list breaks its format, or the two do not fit together.
     """
-    named_camera, camera_as = _named(camera, camera_file, None)
-    partners = None if named_camera is None else named_camera.names
-    named_robot, robot_as = _named(robot, robot_file, partners)
-    named = [named_robot, named_camera]
-    read_as = {"robot": robot_as, "camera": camera_as}
+    files: dict[str, PoseFile] = {}
+    if isinstance(camera, str | Path):
+        files["camera"] = open_poses(camera, camera_file)
+    named_camera = _named(camera, files.get("camera"))
+    if isinstance(robot, str | Path):
+        partners = None if named_camera is None else named_camera.names
+        files["robot"] = open_poses(robot, robot_file, partners)
+    named = [_named(robot, files.get("robot")), named_camera]
     if named == [None, None]:
         arrays = (_array(robot, "robot"), _array(camera, "camera"))
         rows = tuple(f"row {i}" for i in range(len(arrays[0]))) if names is None else tuple(names)
@@ -90,18 +98,15 @@ def read_pairs(
         names=rows,
         data=_pairs(*arrays, weights, setup, motions=motions),
         left_out=left_out,
-        read_as={whose: one for whose, one in read_as.items() if one is not None},
+        files=dict(sorted(files.items(), reverse=True)),
     )
 
 
-def _named(
-    source: PoseList, options: PoseFileOptions | None, partners: Sequence[str] | None
-) -> tuple[RobotPoses | None, ReadAs | None]:
-    """Poses with names, or None for an array; and how a file was read."""
-    if isinstance(source, str | Path):
-        file = open_poses(source, options, partners)
-        return file.poses(), file.read_as
-    return poses_from_mapping(source) if isinstance(source, Mapping) else None, None
+def _named(source: PoseList, file: PoseFile | None) -> RobotPoses | None:
+    """Poses with names; None for an array."""
+    if file is not None:
+        return file.poses()
+    return poses_from_mapping(source) if isinstance(source, Mapping) else None
 
 
 def _array(source: object, who: str) -> Array:
