@@ -7,14 +7,13 @@ from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
-from jinja2 import Environment, StrictUndefined
-
 from handeye_fg.batching import sources
 from handeye_fg.batching.rows import Batch, Figures, Row
 from handeye_fg.comparison import Comparison, Difference
 from handeye_fg.frames import quaternion_xyzw
 from handeye_fg.io.files import write_atomic
 from handeye_fg.report import wording
+from handeye_fg.report.filling import fill
 
 CSV_NAME, PAGE_NAME = "summary.csv", "summary.html"
 
@@ -67,12 +66,9 @@ def table(batch: Batch) -> str:
 def page(batch: Batch) -> str:
     """The text of ``summary.html``: one file, no network, no scripts."""
     source = resources.files(__package__).joinpath("summary.html").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["printable"] = wording.printable
     rows = [_shown(row) for row in batch.rows]
-    text = environment.from_string(source).render(
+    return fill(
+        source,
         rows=rows,
         attention=[row for row in rows if row["attention"]],
         counts=[
@@ -84,7 +80,6 @@ def page(batch: Batch) -> str:
         good=not any((batch.failed, batch.partial, batch.drifted)),
         levels=sorted({row.drift.significance for row in batch.rows if row.drift is not None}),
     )
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _record(row: Row) -> dict[str, object]:

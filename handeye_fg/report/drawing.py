@@ -57,8 +57,9 @@ _STYLE: dict[Any, Any] = {
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
 }
-MOST_NAMES = 40
-_DPI = 150  # of figures in pixels
+MOST_NAMES = 36
+WIDTH = 4.6  # inches of a figure: two stand side by side
+_DPI = 200  # of figures in pixels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,11 +77,6 @@ class Drawing:
     title: str
     caption: str
     figure: Figure
-
-    @property
-    def small(self) -> bool:
-        """Whether it needs less than the width of the page."""
-        return bool(72.0 * self.figure.get_size_inches()[0] < 400.0)
 
     @property
     def svg(self) -> Markup:
@@ -191,4 +187,4 @@ def name_axis(axes: Any, images: Sequence[ImageReport]) -> None:
     step = -(-len(images) // MOST_NAMES)
     ticks = range(0, len(images), step)
     names = [wording.shortened(wording.printable(images[i].name)) for i in ticks]
-    axes.set_xticks(ticks, names, rotation=90, fontsize=7)
+    axes.set_xticks(ticks, names, rotation=90, fontsize=7 if len(names) <= 24 else 5.5)

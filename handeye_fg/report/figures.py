@@ -19,11 +19,13 @@ from handeye_fg.report.drawing import (
     MOST_NAMES,
     MUTED,
     SECOND,
+    WIDTH,
     Drawing,
     bars,
     name_axis,
     style,
 )
+from handeye_fg.report.ellipses import ellipses
 from handeye_fg.report.scene_figures import convergence, histograms, image_plane
 
 
@@ -33,6 +35,7 @@ def drawings(result: Result) -> tuple[Drawing, ...]:
     with style():
         candidates = (
             _over_distance(result),
+            ellipses(result),
             _residuals(result),
             _centres(result, placed),
             histograms(result),
@@ -52,14 +55,14 @@ def _over_distance(result: Result) -> Drawing | None:
         return None
     distances = [1e3 * error.distance for error in found.along_axis]
     work = found.at_work
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     axes = figure.subplots()
     axes.plot(
         distances,
         [1e3 * error.within_95 for error in found.along_axis],
         color=FIRST,
         marker="o",
-        markersize=4,
+        markersize=3,
         label="95 % of errors within",
     )
     stds = 1e3 * np.sqrt(np.array([np.diag(error.covariance) for error in found.along_axis]))
@@ -68,10 +71,10 @@ def _over_distance(result: Result) -> Drawing | None:
     if found.tolerance is not None:
         axes.axhline(1e3 * found.tolerance, color=BAD, linewidth=0.9, label="tolerance")
     axes.axvline(1e3 * work.distance, color=MUTED, linewidth=0.9)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.35 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlabel("distance from the camera, mm")
     axes.set_ylabel("error, mm")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper left", ncols=2, fontsize=7.5)
     return Drawing(
         figure=figure,
         name="distance",
@@ -85,7 +88,7 @@ def _residuals(result: Result) -> Drawing | None:
     shown = [image for image in result.images if image.residual_translation is not None]
     if not shown:
         return None
-    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     millimetres = [1000.0 * (image.residual_translation or 0.0) for image in shown]
     degrees = [np.degrees(image.residual_rotation or 0.0) for image in shown]
@@ -113,7 +116,7 @@ def _reprojection(images: Sequence[ImageReport]) -> Drawing | None:
     shown = [image for image in images if image.reprojection_rms is not None]
     if not shown:
         return None
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     axes = figure.subplots()
     values = [image.reprojection_rms or 0.0 for image in shown]
     bars(axes, shown, values, "rms, px")
@@ -134,7 +137,7 @@ def _influence(result: Result) -> Drawing | None:
     if not shown:
         return None
     shown = sorted(shown, key=lambda image: image.influence_translation or 0.0, reverse=True)
-    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     names = shown[:MOST_NAMES]
     millimetres = [1000.0 * (image.influence_translation or 0.0) for image in names]
@@ -161,7 +164,7 @@ def _centres(result: Result, images: Sequence[ImageReport]) -> Drawing | None:
     extent = float(np.ptp(np.concatenate([cameras, grippers]), axis=0).max())
     ends = cameras + 0.12 * extent * base_T_camera[:, :3, 2]
 
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.8), layout="constrained")
     # Any: the 3D axes of matplotlib are found by a name, their type is not in its stubs.
     axes: Any = figure.add_subplot(projection="3d")
     for camera, gripper, end in zip(cameras, grippers, ends, strict=True):
@@ -194,7 +197,7 @@ def _correlations(result: Result) -> Drawing | None:
     divisor = np.where(known, sigmas, 1.0)
     correlations = result.covariance / np.outer(divisor, divisor)
     labels = ["rot x", "rot y", "rot z", "tra x", "tra y", "tra z"]
-    figure = Figure(figsize=(4.6, 4.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes = figure.subplots()
     for i in range(6):
         for j in range(6):

@@ -7,7 +7,7 @@ import numpy as np
 from handeye_fg.frames import quaternion_xyzw
 from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
 from handeye_fg.io.results import Result
-from handeye_fg.report import wording
+from handeye_fg.report import judgement, wording
 
 _SPECIAL = str.maketrans({char: f"\\{char}" for char in "\\`*_{}[]<>#|&!"})
 
@@ -29,7 +29,7 @@ def markdown_text(result: Result) -> str:
     matrix = result.matrix
     blocks = [
         f"# Hand-eye calibration: {_plain(wording.transform_name(result))}",
-        " ".join(filter(None, (wording.verdict(result), wording.advice(result)))),
+        " ".join(filter(None, (judgement.verdict(result), judgement.advice(result)))),
         _plain(result.message),
         _plain(wording.direction(result)),
         "\n".join(["```text", *(" ".join(f"{v: .9f}" for v in row) for row in matrix), "```"]),

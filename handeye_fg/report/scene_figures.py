@@ -8,7 +8,7 @@ from handeye_fg import frames
 from handeye_fg.io.results import Result
 from handeye_fg.io.scene_file import RefinedScene
 from handeye_fg.report import wording
-from handeye_fg.report.drawing import FIRST, INK, MUTED, SECOND, Drawing
+from handeye_fg.report.drawing import FIRST, INK, MUTED, SECOND, WIDTH, Drawing
 
 _CELLS = 10  # across the image
 _FEWEST = 5  # observations in a cell, or poses in a histogram
@@ -20,7 +20,8 @@ def image_plane(result: Result) -> Drawing | None:
     scene, camera = result.scene, result.camera
     if scene is None or camera is None or result.cameras or not len(scene.pixels):
         return None
-    size = max(camera.width, camera.height) / _CELLS
+    across = _CELLS * np.array([1.0, camera.height / camera.width])
+    size = np.array([camera.width, camera.height]) / np.round(across)
     cells = (scene.pixels // size).astype(int)
     keys, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
@@ -32,18 +33,18 @@ def image_plane(result: Result) -> Drawing | None:
     centres, means = (keys[shown] + 0.5) * size, means[shown]
     lengths = np.linalg.norm(means, axis=1)
     longest = float(lengths.max())
-    figure = Figure(figsize=(7.2, 7.2 * camera.height / camera.width + 0.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.9 * WIDTH * camera.height / camera.width + 0.4), layout="constrained")
     axes = figure.subplots()
     x, y = scene.pixels.T
-    axes.scatter(x, y, s=0.3, color=MUTED, alpha=0.35, linewidths=0, rasterized=True)
+    axes.scatter(x, y, s=0.2, color=MUTED, alpha=0.35, linewidths=0, rasterized=True)
     axes.quiver(
         *centres.T,
         *means.T,
         color=SECOND,
         angles="xy",
         scale_units="xy",
-        scale=max(longest, 1e-9) / (0.9 * size),
-        width=0.004,
+        scale=max(longest, 1e-9) / (0.9 * float(size.min())),
+        width=0.005,
     )
     axes.set_xlim(0, camera.width)
     axes.set_ylim(camera.height, 0)
@@ -67,7 +68,7 @@ def histograms(result: Result) -> Drawing | None:
     panels = [len(w_tests) >= _FEWEST, scene is not None and len(scene.pixels) >= _FEWEST]
     if not any(panels):
         return None
-    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     axes = list(np.atleast_1d(figure.subplots(1, sum(panels))))
     if scene is not None and panels[1]:
         left = axes.pop(0)
@@ -75,14 +76,15 @@ def histograms(result: Result) -> Drawing | None:
         values = np.clip((scene.errors / scene.sigmas[:, None]).ravel(), -_TAIL, _TAIL)
         left.hist(values, bins=60, density=True, color=FIRST, alpha=0.6)
         left.plot(grid, stats.norm.pdf(grid), color=INK, linewidth=1.2)
-        left.set_xlabel("image errors, in standard deviations")
+        left.set_xlabel("image errors / std")
         left.set_yticks([])
     if panels[0]:
         (right,) = axes
         grid = np.linspace(0.0, max(_TAIL, 1.1 * min(max(w_tests), 3 * _TAIL)), 200)
         # The larger of two lengths, each chi distributed with three degrees of freedom.
         density = 2.0 * stats.chi.pdf(grid, 3) * stats.chi.cdf(grid, 3)
-        right.hist(np.clip(w_tests, 0.0, grid[-1]), bins=24, density=True, color=FIRST, alpha=0.6)
+        bins = int(np.clip(len(w_tests) // 3, 6, 24))
+        right.hist(np.clip(w_tests, 0.0, grid[-1]), bins=bins, density=True, color=FIRST, alpha=0.6)
         right.plot(grid, density, color=INK, linewidth=1.2)
         right.set_xlabel("w of the robot poses")
         right.set_yticks([])
@@ -101,13 +103,13 @@ def convergence(result: Result) -> Drawing | None:
     if scene is None or len(scene.path) < 2:
         return None
     millimetres, degrees = _distances(scene, result)
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     axes = figure.subplots()
     steps = np.arange(len(millimetres))
-    axes.semilogy(steps, millimetres, color=FIRST, marker="o", markersize=4, label="position, mm")
-    axes.semilogy(steps, degrees, color=SECOND, marker="s", markersize=4, label="rotation, deg")
+    axes.semilogy(steps, millimetres, color=FIRST, marker="o", markersize=3, label="position, mm")
+    axes.semilogy(steps, degrees, color=SECOND, marker="s", markersize=3, label="rotation, deg")
     axes.set_xlabel("step of the refinement (0: the linear start)")
-    axes.set_xticks(steps[:: max(1, len(steps) // 15)])
+    axes.set_xticks(steps[:: max(1, len(steps) // 8)])
     axes.legend()
     return Drawing(
         figure=figure,

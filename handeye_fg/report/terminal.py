@@ -12,7 +12,7 @@ from handeye_fg.io.camera_results import (
     std_translation_mm,
 )
 from handeye_fg.io.results import Result
-from handeye_fg.report import wording
+from handeye_fg.report import judgement, wording
 
 
 def summary_text(result: Result, report: str | Path | None = None) -> str:
@@ -35,7 +35,7 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
     std_rotation, std_translation = std_rotation_deg(result), std_translation_mm(result)
     lines = [
         wording.printable(result.message),
-        *filter(None, (wording.verdict(result), wording.advice(result))),
+        *filter(None, (judgement.verdict(result), judgement.advice(result))),
         "",
         f"X = {name}",
         *matrix_lines(result.matrix),

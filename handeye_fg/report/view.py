@@ -19,7 +19,8 @@ _FRUSTUM = 0.06  # length of a camera's pyramid, part of the extent of the camer
 _AXES = 0.15  # of the frames' axes
 _ELLIPSOID = 0.05  # largest half axis of the drawn ellipsoids
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
-_FAR = 3.0  # points further than this many extents from the middle are not drawn
+# Points further from the middle than so many times the distance within which so many are make all others small.
+_FAR, _MOST = 1.3, 0.95
 
 
 def view(result: Result) -> dict[str, object] | None:
@@ -53,6 +54,9 @@ def view(result: Result) -> dict[str, object] | None:
             for image in placed
         ],
         "names": [wording.printable(image.name) for image in placed],
+        "told": [": ".join((_told(image)[0], ", ".join(_told(image)[1:]))) for image in placed],
+        "bad": [image.outlier for image in placed],
+        "centres": np.round(centres, 6).tolist(),
         "caption": _caption(result, magnified),
     }
 
@@ -107,9 +111,12 @@ def _points(result: Result, centres: Array, extent: float) -> list[Trace]:
     if result.scene is None:
         return []
     points = result.scene.points
+    if not len(points):
+        return []
     middle = np.median(np.concatenate([points, centres]), axis=0)
-    reach = _FAR * max(extent, float(np.median(np.linalg.norm(points - middle, axis=1))))
-    near = points[np.linalg.norm(points - middle, axis=1) < reach]
+    away = np.linalg.norm(points - middle, axis=1)
+    reach = max(extent, _FAR * float(np.quantile(away, _MOST)))
+    near = points[away < reach]
     return [_markers(near, "scene points", "muted", 1.2, "circle", ())]
 
 
@@ -141,12 +148,12 @@ _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 def _cameras(placed: Sequence[ImageReport], centres: Array) -> Trace:
     colours = ["bad" if image.outlier else "second" for image in placed]
-    return _markers(centres, "cameras", colours, 4, "circle", [_told(image) for image in placed])
+    return _markers(centres, "cameras", colours, 4, "circle", [_hover(image) for image in placed])
 
 
 def _grippers(placed: Sequence[ImageReport], origins: Array) -> Trace:
     colours = ["bad" if image.outlier else "first" for image in placed]
-    return _markers(origins, "gripper", colours, 4, "square", [_told(image) for image in placed])
+    return _markers(origins, "gripper", colours, 4, "square", [_hover(image) for image in placed])
 
 
 def _links(centres: Array, origins: Array) -> Trace:
@@ -154,17 +161,24 @@ def _links(centres: Array, origins: Array) -> Trace:
     return _lines(pairs, "gripper to camera", "muted", 1.5)
 
 
-def _told(image: ImageReport) -> str:
-    """The name and the residuals, as text that is no markup."""
-    parts = [html.escape(wording.printable(image.name))]
+def _told(image: ImageReport) -> list[str]:
+    """The name and what is known of the image, as plain text."""
+    parts = [wording.printable(image.name)]
     if image.residual_translation is not None and image.residual_rotation is not None:
         parts.append(
-            f"{wording.number(1e3 * image.residual_translation)} mm, "
+            f"{wording.number(1e3 * image.residual_translation)} mm and "
             f"{wording.number(float(np.rad2deg(image.residual_rotation)))} deg from the reported pose"
         )
+    if image.reprojection_rms is not None:
+        parts.append(f"reprojection {wording.number(image.reprojection_rms)} px")
     if image.outlier:
         parts.append("robot pose rejected")
-    return "<br>".join(parts)
+    return parts
+
+
+def _hover(image: ImageReport) -> str:
+    """The same for plotly, which reads markup in it."""
+    return "<br>".join(html.escape(part, quote=False) for part in _told(image))
 
 
 def _ellipsoids(result: Result, poses: Array, size: float) -> tuple[list[Trace], float]:
@@ -184,7 +198,9 @@ def _ellipsoids(result: Result, poses: Array, size: float) -> tuple[list[Trace],
 
 
 def _caption(result: Result, magnified: float) -> str:
-    parts = ["Drag to turn, scroll to come closer; a click in the legend hides a part."]
+    parts = [
+        "Drag to turn, scroll to come closer; a click in the legend hides a part. Red: the robot pose was rejected."
+    ]
     if magnified:
         parts.append(
             f"Ellipsoids: one standard deviation of the camera's position on the arm, {magnified:g} times as large."

@@ -45,45 +45,6 @@ def direction(result: Result) -> str:
     return direction_of(result.matrix, parent_frame(result.setup))
 
 
-_USUAL_TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-
-
-def verdict(result: Result) -> str:
-    """Whether X is good enough, and for what; "" where its error at the work is not known."""
-    if result.accuracy is None:
-        return ""
-    work = result.accuracy.at_work
-    radius_mm, tolerance = 1e3 * work.within_95, result.accuracy.tolerance
-    place = f"at {significant(1e3 * work.distance)} mm from the camera"
-    said = f"95 % of the points there are put within {significant(radius_mm, 2)} mm"
-    if tolerance is None:
-        usual = next((mm for mm in _USUAL_TOLERANCES_MM if mm >= radius_mm), None)
-        if usual is None:
-            return f"Too uncertain for most tasks: {place}, {said}."
-        return f"Usable for {usual:g} mm tasks {place}: {said}."
-    if radius_mm <= 1e3 * tolerance:
-        return f"Usable for the tolerance of {1e3 * tolerance:g} mm {place}: {said}."
-    return f"Not good enough for the tolerance of {1e3 * tolerance:g} mm {place}: {said}."
-
-
-def advice(result: Result) -> str:
-    """What to do where X is not good enough for the tolerance; "" where it is, or nobody gave one."""
-    found = result.accuracy
-    if found is None or found.tolerance is None or found.at_work.within_95 <= found.tolerance:
-        return ""
-    if result.certainty is not None and not result.certainty.robot.white:
-        return (
-            "The arm's own errors, which are alike in neighbouring poses, limit X: more images help little; "
-            "calibrate the arm, or take poses near those of the task."
-        )
-    used = sum(image.registered and not image.outlier for image in result.images)
-    needed = math.ceil(used * (found.at_work.within_95 / found.tolerance) ** 2)
-    return (
-        f"The error falls with the square root of the number of images: about {needed} like these, or "
-        "fewer that are chosen well (handeye-fg plan), would do."
-    )
-
-
 def parameter_names(model: str, n: int) -> tuple[str, ...]:
     """Names of a camera model's parameters in COLMAP's order; numbers for an unlisted model."""
     names = _PARAMETERS.get(model, ())

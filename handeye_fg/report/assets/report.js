@@ -15,6 +15,7 @@
       area.select();
       document.execCommand("copy");
       area.remove();
+      button.focus();
     }
     status.textContent = button.dataset.what + " copied";
     button.textContent = "Copied";
@@ -28,9 +29,11 @@
   const place = document.getElementById("view");
   if (!place) return;
   const content = JSON.parse(document.getElementById("view-data").textContent);
-  const picture = document.getElementById("picture");
-  const pictureName = document.getElementById("picture-name");
+  const told = document.getElementById("told");
+  const strip = document.getElementById("strip");
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
+  const chosen = content.traces.length;  // the trace after all others
+  let current = -1;
 
   function colour(name) {
     return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -49,37 +52,100 @@
     return copied;
   }
 
+  function ring() {
+    const at = current < 0 ? [] : [content.centres[current]];
+    return {
+      type: "scatter3d", mode: "markers", name: "chosen image", hoverinfo: "skip", showlegend: false,
+      x: at.map((p) => p[0]), y: at.map((p) => p[1]), z: at.map((p) => p[2]),
+      marker: { color: colour("ink"), size: 16, symbol: "circle-open", line: { width: 3 } },
+    };
+  }
+
   function layout() {
     const axis = (title) => ({
       title: { text: title }, color: colour("muted"), gridcolor: colour("line"),
-      zerolinecolor: colour("line"), showbackground: false,
+      zerolinecolor: colour("line"), showbackground: false, nticks: 6,
     });
     return {
       paper_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink") }, uirevision: "kept",
-      margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { x: 0, y: 1, bgcolor: "rgba(0,0,0,0)" },
+      margin: { l: 0, r: 0, t: 0, b: 0 },
+      legend: { orientation: "h", x: 0, y: 0, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+      hoverlabel: { bgcolor: colour("card"), bordercolor: colour("muted"), font: { color: colour("ink") } },
       scene: {
-        aspectmode: "data", xaxis: axis("x, m"), yaxis: axis("y, m"), zaxis: axis("z, m"),
+        aspectmode: "data", camera: { eye: eyes.oblique },
+        xaxis: axis("x, m"), yaxis: axis("y, m"), zaxis: axis("z, m"),
       },
     };
   }
 
+  const eyes = {
+    oblique: { x: 1.0, y: 1.0, z: 0.9 }, above: { x: 0.01, y: 0, z: 1.8 },
+    front: { x: 1.7, y: 0, z: 0.2 }, side: { x: 0, y: 1.7, z: 0.2 },
+  };
+
   function draw() {
-    const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["toImage"] };
-    return Plotly.react(place, content.traces.map(coloured), layout(), options);
+    const options = { responsive: true, displayModeBar: false };
+    return Plotly.react(place, [...content.traces.map(coloured), ring()], layout(), options);
+  }
+
+  function look(eye) {
+    Plotly.relayout(place, { "scene.camera.eye": eye });
   }
 
   function show(index) {
-    const data = content.pictures[index];
-    picture.hidden = !data;
-    if (data) picture.src = "data:image/jpeg;base64," + data;
-    picture.alt = content.names[index];
-    pictureName.textContent = content.names[index];
+    if (index === current) return;
+    current = index;
+    told.textContent = content.told[index];
+    for (const [i, button] of [...strip.children].entries()) {
+      button.setAttribute("aria-pressed", String(i === index));
+    }
+    const button = strip.children[index];
+    strip.scrollTo({ left: button.offsetLeft - strip.offsetLeft - strip.clientWidth / 2 + button.clientWidth / 2 });
+    const one = ring();
+    Plotly.restyle(place, { x: [one.x], y: [one.y], z: [one.z] }, [chosen]);
   }
 
-  const eyes = {
-    oblique: { x: 1.25, y: 1.25, z: 1.25 }, above: { x: 0.01, y: 0, z: 2.2 },
-    front: { x: 2.2, y: 0, z: 0.2 }, side: { x: 0, y: 2.2, z: 0.2 },
-  };
+  for (const [index, name] of content.names.entries()) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = content.bad[index] ? "bad" : "";
+    button.setAttribute("aria-pressed", "false");
+    if (content.pictures[index]) {
+      const picture = document.createElement("img");
+      picture.src = "data:image/jpeg;base64," + content.pictures[index];
+      picture.alt = "";
+      button.append(picture);
+    }
+    button.append(name);
+    button.addEventListener("click", () => show(index));
+    strip.append(button);
+  }
+
+  // Turns by a tenth of a right angle, or comes closer.
+  function turned(eye, key) {
+    const far = Math.hypot(eye.x, eye.y, eye.z);
+    const step = Math.PI / 20;
+    let around = Math.atan2(eye.y, eye.x), up = Math.asin(eye.z / far), reach = far;
+    if (key === "ArrowLeft") around -= step;
+    else if (key === "ArrowRight") around += step;
+    else if (key === "ArrowUp") up = Math.min(up + step, 1.55);
+    else if (key === "ArrowDown") up = Math.max(up - step, -1.55);
+    else if (key === "+" || key === "=") reach /= 1.2;
+    else if (key === "-") reach *= 1.2;
+    else return null;
+    return {
+      x: reach * Math.cos(up) * Math.cos(around), y: reach * Math.cos(up) * Math.sin(around), z: reach * Math.sin(up),
+    };
+  }
+
+  place.addEventListener("keydown", (event) => {
+    const camera = place.layout.scene.camera || {};
+    const eye = turned(camera.eye || eyes.oblique, event.key);
+    if (!eye) return;
+    event.preventDefault();
+    look(eye);
+  });
+
   draw().then(() => {
     place.on("plotly_hover", (event) => {
       const point = event.points[0];
@@ -88,8 +154,7 @@
     place.dataset.drawn = "yes";
   });
   for (const button of document.querySelectorAll("button[data-eye]")) {
-    button.addEventListener("click", () =>
-      Plotly.relayout(place, { "scene.camera.eye": eyes[button.dataset.eye] }));
+    button.addEventListener("click", () => look(eyes[button.dataset.eye]));
   }
   scheme.addEventListener("change", draw);
 })();
