@@ -117,6 +117,7 @@ def _content(result: Result) -> dict[str, object]:
         "sfm": result.sfm,
         "target": None if result.target is None else wording.target_text(result.target),
         "extent": wording.extent(result),
+        "used": wording.used(result),
         "rejected": wording.rejected(result),
         "images": tables.images(result),
         "figures": {drawing.name: drawing for drawing in drawings(result)},

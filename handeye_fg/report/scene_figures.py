@@ -110,6 +110,7 @@ def convergence(result: Result) -> Drawing | None:
     axes.semilogy(steps, degrees, color=SECOND, marker="s", markersize=3, label="rotation, deg")
     axes.set_xlabel("step of the refinement (0: the linear start)")
     axes.set_xticks(steps[:: max(1, len(steps) // 8)])
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.legend()
     return Drawing(
         figure=figure,

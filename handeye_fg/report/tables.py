@@ -96,8 +96,8 @@ def accuracy(result: Result) -> list[Table]:
     found = result.accuracy
     if found is None:
         return []
-    places = [(f"at the {parent_frame(result.setup)}'s origin", found.tool)]
-    places += [("on the optical axis", error) for error in found.along_axis]
+    places = [(f"the {parent_frame(result.setup)}'s origin", found.tool)]
+    places += [("the work" if error is found.at_work else "", error) for error in found.along_axis]
     return [
         {
             "place": place,
@@ -136,10 +136,12 @@ def holdout(result: Result) -> Table | None:
         "images": [
             (
                 one.name,
-                wording.number(math.degrees(one.rotation), 4),
-                wording.number(1e3 * one.translation),
-                wording.number(one.reprojection_rms, 2),
-                wording.number(one.expected_reprojection, 2),
+                (
+                    wording.number(math.degrees(one.rotation), 4),
+                    wording.number(1e3 * one.translation),
+                    wording.number(one.reprojection_rms, 2),
+                    wording.number(one.expected_reprojection, 2),
+                ),
             )
             for one in found.images
         ],
@@ -184,7 +186,7 @@ def _level(level: LevelCertainty | None, sigma: float) -> tuple[str, str]:
     ends = f"{wording.significant(level.low * sigma)} to {wording.significant(level.high * sigma)}"
     if level.source == "prior":
         return ends, "the data say next to nothing: a prior for usual arms decided"
-    return ends, f"{wording.significant(level.degrees_of_freedom, 3)} degrees of freedom"
+    return ends, f"{level.degrees_of_freedom:.0f} degrees of freedom"
 
 
 def intrinsics(result: Result) -> Table | None:

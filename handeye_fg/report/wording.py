@@ -63,6 +63,13 @@ def extent(result: Result) -> str:
     return f"{sum(row.registered for row in result.images)} of {len(result.images)} paired"
 
 
+def used(result: Result) -> str:
+    """How many images or rows X rests on."""
+    held = () if result.holdout is None else {one.name for one in result.holdout.images}
+    kept = [row for row in result.images if row.registered and not row.outlier]
+    return f"{sum(row.name not in held for row in kept)} of {len(result.images)}"
+
+
 def target_text(target: TargetSummary) -> str:
     """What a known target gave."""
     return (

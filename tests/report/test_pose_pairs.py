@@ -29,7 +29,8 @@ def test_page_of_pose_pairs_tells_of_rows() -> None:
     page = page[: page.index("<script")]
     for words in (
         "eye-in-hand, rows: 12 of 12 paired",
-        "<h2>Rows</h2>",
+        "All rows</h3>",
+        "rejected</span> ",
         "12 of 12 paired, 2 rows rejected",
         "far more than in the other rows",
         "Robot against camera",

@@ -66,10 +66,13 @@
       title: { text: title }, color: colour("muted"), gridcolor: colour("line"),
       zerolinecolor: colour("line"), showbackground: false, nticks: 6,
     });
+    const narrow = place.clientWidth < 600;
     return {
       paper_bgcolor: "rgba(0,0,0,0)", font: { color: colour("ink") }, uirevision: "kept",
-      margin: { l: 0, r: 0, t: 0, b: 0 },
-      legend: { orientation: "h", x: 0, y: 0, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+      margin: { l: 0, r: 0, t: 0, b: narrow ? 90 : 0 },
+      legend: narrow
+        ? { orientation: "h", x: 0, y: 0, yanchor: "top", bgcolor: "rgba(0,0,0,0)", font: { size: 11 } }
+        : { x: 0, y: 1, bgcolor: "rgba(0,0,0,0)" },
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("muted"), font: { color: colour("ink") } },
       scene: {
         aspectmode: "data", camera: { eye: eyes.oblique },
