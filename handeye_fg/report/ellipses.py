@@ -24,7 +24,7 @@ def ellipses(result: Result) -> Drawing | None:
         (work, FIRST, "-", f"at {wording.significant(1e3 * work.distance)} mm"),
     )
     stds = [1e3 * float(np.sqrt(np.diag(error.covariance).max())) for error in (tool, work)]
-    reach = 1.25 * max(max(stds), 1e-6)
+    reach = 1.25 * max(*stds, 1e-06)
     figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     for axes, side in zip(figure.subplots(1, 2), _SIDES, strict=True):
         for error, colour, line, label in places:

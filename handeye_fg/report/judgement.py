@@ -105,11 +105,17 @@ def next_steps(result: Result) -> tuple[str, ...]:
     """What a person can do for a better X, each in a sentence."""
     steps = []
     if any(image.outlier for image in result.images):
-        steps.append("Look at the rows and images that were rejected (below): a wrong one costs data.")
+        steps.append(
+            "Look at the rows and images that were rejected (below): a wrong one costs data."
+        )
     if result.certainty is not None and not result.certainty.robot.white:
-        steps.append("The arm's own errors are in X: calibrate the arm, or take poses near those of the task.")
+        steps.append(
+            "The arm's own errors are in X: calibrate the arm, or take poses near those of the task."
+        )
     if result.focal_offset is not None and result.focal_offset.confounded:
-        steps.append("Tilt the camera by 20 degrees and more about axes across the view, or calibrate it beforehand.")
+        steps.append(
+            "Tilt the camera by 20 degrees and more about axes across the view, or calibrate it beforehand."
+        )
     if result.sfm is not None and result.setup == "eye-in-hand":
         steps.append(
             "Run handeye-fg plan on this folder: it proposes the next poses that make X most certain, and says how certain."
@@ -141,6 +147,5 @@ def _ties_within(result: Result) -> list[str]:
         f"{_COMPONENTS[i].capitalize()} and {_COMPONENTS[j]} (correlation {number(value, 2)})."
         for i in known
         for j in known
-        if i < j
-        and abs(value := float(result.covariance[i, j] / (sigmas[i] * sigmas[j]))) >= _HIGH
+        if i < j and abs(value := float(result.covariance[i, j] / (sigmas[i] * sigmas[j]))) >= _HIGH
     ]

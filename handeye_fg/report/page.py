@@ -9,7 +9,7 @@ from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.exports import export_text
 from handeye_fg.io.files import write_atomic
-from handeye_fg.io.results import Result, parent_frame
+from handeye_fg.io.results import Result
 from handeye_fg.report import judgement, tables, wording
 from handeye_fg.report.figures import drawings
 from handeye_fg.report.filling import asset, fill

@@ -33,7 +33,9 @@ def image_plane(result: Result) -> Drawing | None:
     centres, means = (keys[shown] + 0.5) * size, means[shown]
     lengths = np.linalg.norm(means, axis=1)
     longest = float(lengths.max())
-    figure = Figure(figsize=(WIDTH, 0.9 * WIDTH * camera.height / camera.width + 0.4), layout="constrained")
+    figure = Figure(
+        figsize=(WIDTH, 0.9 * WIDTH * camera.height / camera.width + 0.4), layout="constrained"
+    )
     axes = figure.subplots()
     x, y = scene.pixels.T
     axes.scatter(x, y, s=0.2, color=MUTED, alpha=0.35, linewidths=0, rasterized=True)

@@ -170,7 +170,7 @@ def test_partial_result_names_what_is_free(result: Result) -> None:
     shown = re.sub(r"<pre.*?</pre>", "", text, flags=re.DOTALL)  # what is copied says it again
     assert shown.count("tilt the arm") == 3
     assert "metres per world unit (undetermined)" in text
-    assert "rotation</dt><dd class=\"figure\">—</dd><dd class=\"more\">no axis determined" in text
+    assert 'rotation</dt><dd class="figure">—</dd><dd class="more">no axis determined' in text
     row = re.search(r"position, std \(mm\)</th>(.*?)</tr>", text)
     assert row
     # The free direction is the camera's x axis: its std is no number, the others are.
