@@ -15,6 +15,7 @@ from handeye_fg.findings import FreeDirection, SecondStart
 from handeye_fg.io.results import Result
 from handeye_fg.report import judgement, summary_text, write_report
 from handeye_fg.report.page import render
+from handeye_fg.report.view import view
 from handeye_fg.report.wording import printable
 
 # The page's own: data of the 3D view, the library that draws it, the page's script.
@@ -223,6 +224,14 @@ def test_hostile_name_is_readable_in_table_and_figure(renamed: Callable[[str], R
     assert "<img src=x" not in text
     drawings = re.findall(r"<svg.*?</svg>", without_scripts(text), flags=re.DOTALL)
     assert "&lt;img src=x" in "".join(drawings)
+
+
+def test_markup_in_a_name_is_none_for_the_view(renamed: Callable[[str], Result]) -> None:
+    shown = view(renamed("<b>bold</b>.jpg"))
+    assert shown is not None
+    texts = [trace["text"][0] for trace in shown["traces"] if "text" in trace]
+    assert len(texts) == 2
+    assert all(text.startswith("&lt;b&gt;bold&lt;/b&gt;.jpg<br>") for text in texts)
 
 
 def test_few_and_many_images(result: Result) -> None:
