@@ -54,7 +54,7 @@ from importlib.metadata import files, packages_distributions
 owners = packages_distributions()["factors"]
 if owners != ["handeye-fg"]:
     raise SystemExit(f"the package factors belongs to {owners}, wanted handeye-fg alone")
-wanted = {"handeye_fg/py.typed", "factors/py.typed", "handeye_fg/report/template.html",
+wanted = {"handeye_fg/py.typed", "factors/py.typed", "handeye_fg/report/template.html", "handeye_fg/report/assets/style.css",
           "handeye_fg/io/result.schema.json"}
 missing = wanted - {str(file) for file in files("handeye-fg")}
 if missing:
