@@ -3,18 +3,19 @@
     python benchmarks/planning.py [--runs 40] [--points 80] [--jobs 2]
 
 Prints Markdown tables. In each run a camera of 0.3 px noise is calibrated from a few random poses, poses are
-planned and taken, and all images are calibrated together; then twice as many random poses are taken in place
-of all these, among them the first few. Random poses are drawn from those that the planner chooses from:
-within reach, looking at the scene, turned anyhow about the view, tilted as far as points are found again.
+planned and taken, and all images are calibrated together; beside it, random poses instead of planned ones. Random is
+what a user does who knows the rules: from anywhere over the scene, views spread evenly over directions up to 50 degrees
+from the vertical, 0.3 to 0.6 m away, turned anyhow about the view. They span the workspace that plans are made for.
 
 - position, rotation: the largest standard deviation of X's three, as reported, mean over the runs: from the
-  first poses, as the plan predicts it, as it is reached, and with twice as many random poses.
-- reached / predicted: median over the runs, position and rotation.
+  first poses, as the plan predicts it, as it is reached, and with twice as many random poses in all.
+- reached / predicted: median over the runs, position and rotation; of first sets the plan knows the noise for this.
 - error / predicted: root mean square of the error of X from the truth over the predicted standard deviation,
   all six components.
-- random / planned: median of the uncertainty at the working distance (a rotation counts by how far it moves a
-  point there) with twice as many random poses over that with planned ones: 1 or more means that planned
-  poses need at most half as many images.
+- random / planned: medians over the runs of a standard deviation with random poses over that with planned ones: of the
+  uncertainty at the working distance (a rotation counts by how far it moves a point there), of position, and of
+  rotation. 1 or more means that planned poses need at most half as many images. "twice in all": twice as many images
+  as the first ones and the planned ones together; "twice added": twice as many images added to the first ones.
 
 The second table is of first sets: as many poses as planned without any image against twice as many random ones.
 """
@@ -28,20 +29,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handeye_fg import frames
+from handeye_fg.findings import NoiseLevels
 from handeye_fg.inputs import read_model_inputs
 from handeye_fg.io.results import Result
 from handeye_fg.options import GraphOptions, Options
 from handeye_fg.pipeline import solve_scene
-from handeye_fg.planning import USUAL_NOISE, Plan, Workspace, plan, plan_first
-from handeye_fg.planning.candidates import candidates
-from handeye_fg.planning.situation import assumed_situation, situation_of
+from handeye_fg.planning import Plan, Workspace, plan, plan_first
 from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import Scene
 from handeye_fg.simulate.scenes import SCENE_CENTRE, Truth, default_camera, scene_of, truth_of
 from handeye_fg.types import SfmModel
 
 STANDOFF = 0.45
-FEWEST_POINTS = 10
+PIXEL = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +54,31 @@ class Case:
     translation: float
     points: int
 
+    @property
+    def noise(self) -> NoiseLevels:
+        """What a plan may expect."""
+        return NoiseLevels(
+            pixel=PIXEL,
+            robot_rotation=np.deg2rad(self.rotation),
+            robot_translation=1e-3 * self.translation,
+            estimated=True,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Draw:
-    """One run: largest standard deviations (rotation, position) and ratios."""
+    """One run: largest standard deviations (rotation, position) and ratios.
+
+    ``twice`` and ``added``: of rotation, position, and at the working distance, random over planned.
+    """
 
     start: np.ndarray
     predicted: np.ndarray
     reached: np.ndarray
     random: np.ndarray
     error: float
-    ratio: float
+    twice: np.ndarray
+    added: np.ndarray
 
 
 def calibrated(case: Case, truth: Truth, seed: int) -> tuple[Result, SfmModel]:
@@ -74,7 +88,7 @@ def calibrated(case: Case, truth: Truth, seed: int) -> tuple[Result, SfmModel]:
         truth,
         default_camera(),
         n_points=case.points,
-        pixel_sigma=0.3,
+        pixel_sigma=PIXEL,
         robot_rotation_sigma=np.deg2rad(case.rotation),
         robot_translation_sigma=1e-3 * case.translation,
         visibility=1.0,
@@ -109,6 +123,11 @@ def at_distance(result: Result) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(result.covariance * np.outer(scale, scale))[-1]))
 
 
+def in_all(result: Result) -> np.ndarray:
+    """Largest standard deviations of rotation and position, and at the working distance."""
+    return np.array([*largest(result), at_distance(result)])
+
+
 def normalised(result: Result, truth: Truth, predicted: Plan) -> float:
     """Mean square of the errors of X in predicted standard deviations."""
     error = frames.log(frames.inverse(truth.gripper_T_camera) @ result.matrix)
@@ -119,37 +138,45 @@ def normalised(result: Result, truth: Truth, predicted: Plan) -> float:
 
 def draw(case: Case, seed: int) -> Draw:
     """One run."""
-    rng = np.random.default_rng([case.start, seed])
-    wide = truth_of(rng, 200, "general")
+    wide = truth_of(np.random.default_rng([case.start, seed]), 200, "general")
     reach = Workspace.around(wide.base_T_gripper)
     total = case.start + case.planned
-    first = at(wide, wide.base_T_gripper[: max(case.start, 6)])
-    result, model = calibrated(case, first, seed)
-    X = first.gripper_T_camera
+
+    def taken(base_T_gripper: np.ndarray) -> Result:
+        return calibrated(case, at(wide, base_T_gripper), seed)[0]
+
+    first = wide.base_T_gripper[: case.start]
     if case.start:
-        sight = situation_of(rng, result, model).sight
+        result, model = calibrated(case, at(wide, first), seed)
+        start = largest(result)
         made = plan(result, model, case.planned, reach=reach, seed=seed)
-        taken = first.base_T_gripper
+        expected = made
     else:
-        camera = default_camera()
-        sight = assumed_situation(rng, SCENE_CENTRE, STANDOFF, camera, X, USUAL_NOISE).sight
-        made = plan_first(
-            SCENE_CENTRE, STANDOFF, reach, case.planned, X=X, camera=camera, seed=seed
+        start = np.full(2, np.nan)
+        place = functools.partial(
+            plan_first,
+            SCENE_CENTRE,
+            STANDOFF,
+            reach,
+            case.planned,
+            X=wide.gripper_T_camera,
+            camera=default_camera(),
+            seed=seed,
         )
-        taken = first.base_T_gripper[:0]
-    planned = at(first, np.concatenate([taken, made.base_T_gripper]))
-    reached, _ = calibrated(case, planned, seed)
-    others = candidates(rng, sight, X, reach, FEWEST_POINTS, 2 * total, static=False)
-    more = np.concatenate([taken, others.base_T_gripper])[: 2 * total]
-    random, _ = calibrated(case, at(first, more), seed)
-    worst = np.array(made.expected[-1].worst, dtype=float)
+        made, expected = place(), place(noise=case.noise)
+    reached = taken(np.concatenate([first, made.base_T_gripper]))
+    informed = reached if case.start else taken(expected.base_T_gripper)
+    twice = taken(wide.base_T_gripper[: 2 * total])
+    added = taken(wide.base_T_gripper[: case.start + 2 * case.planned])
+    worst = np.array(expected.expected[-1].worst, dtype=float)
     return Draw(
-        start=largest(result),
+        start=start,
         predicted=worst,
-        reached=largest(reached),
-        random=largest(random),
-        error=normalised(reached, first, made),
-        ratio=at_distance(random) / at_distance(reached),
+        reached=largest(informed),
+        random=largest(twice),
+        error=normalised(informed, wide, expected),
+        twice=in_all(twice) / in_all(reached),
+        added=in_all(added) / in_all(reached),
     )
 
 
@@ -173,14 +200,15 @@ def row(case: Case, found: list[Draw]) -> str:
         str(2 * total),
         f"{case.rotation} / {case.translation}",
     ]
-    shown = (start, predicted, reached, random) if case.start else (reached, random)
+    shown = (start, predicted, reached, random) if case.start else (predicted, reached, random)
     for k, digits in ((1, 3), (0, 4)):
         cells.append(" / ".join(f"{part[:, k].mean():.{digits}f}" for part in shown))
-    if case.start:
-        ratios = np.median(reached / predicted, axis=0)
-        cells.append(f"{ratios[1]:.2f} / {ratios[0]:.2f}")
-        cells.append(f"{np.sqrt(np.mean([one.error for one in found])):.2f}")
-    cells.append(f"{np.median([one.ratio for one in found]):.2f}")
+    ratios = np.median(reached / predicted, axis=0)
+    cells.append(f"{ratios[1]:.2f} / {ratios[0]:.2f}")
+    cells.append(f"{np.sqrt(np.mean([one.error for one in found])):.2f}")
+    for name in ("twice", "added") if case.start else ("twice",):
+        rotation, position, distance = np.median([getattr(one, name) for one in found], axis=0)
+        cells.append(f"{distance:.2f} / {position:.2f} / {rotation:.2f}")
     return f"| {' | '.join(cells)} |"
 
 
@@ -189,10 +217,18 @@ def table(arguments: argparse.Namespace) -> Iterator[str]:
     noises = ((0.01, 0.05), (0.1, 1.0))
     yield (
         "| images, random + planned | random | noise, deg / mm | position, mm: start / predicted / reached / random "
-        "| rotation, deg: the same | reached / predicted | error / predicted | random / planned |\n"
-        "|---|---|---|---|---|---|---|---|"
+        "| rotation, deg: the same | reached / predicted | error / predicted "
+        "| random / planned, twice in all: at the distance / position / rotation | twice added: the same |\n"
+        "|---|---|---|---|---|---|---|---|---|"
     )
-    for start, planned in ((6, 6), (10, 6)):
+    for start, planned in ((6, 6), (10, 6), (0, 10)):
+        if start == 0:
+            yield (
+                "\n| images, planned | random | noise, deg / mm | position, mm: predicted / reached / random "
+                "| rotation, deg: the same | reached / predicted | error / predicted "
+                "| random / planned: at the distance / position / rotation |\n"
+                "|---|---|---|---|---|---|---|---|"
+            )
         for rotation, translation in noises:
             case = Case(
                 start=start,
@@ -202,19 +238,6 @@ def table(arguments: argparse.Namespace) -> Iterator[str]:
                 points=arguments.points,
             )
             yield row(case, draws(case, arguments.runs, arguments.jobs))
-    yield (
-        "\n| images, planned | random | noise, deg / mm | position, mm: planned / random "
-        "| rotation, deg: the same | random / planned |\n|---|---|---|---|---|---|"
-    )
-    for rotation, translation in noises:
-        case = Case(
-            start=0,
-            planned=10,
-            rotation=rotation,
-            translation=translation,
-            points=arguments.points,
-        )
-        yield row(case, draws(case, arguments.runs, arguments.jobs))
 
 
 def main() -> None:

@@ -33,12 +33,25 @@ def test_kinhec(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.simulation
 def test_planned_poses_and_their_predictions() -> None:
-    """Planned poses serve as well as twice as many random ones, and as predicted, but for chance."""
+    """Half as many planned poses serve as well as random ones, and as predicted."""
     planning = runpy.run_path(str(BENCHMARKS / "planning.py"))
     case = planning["Case"](start=10, planned=6, rotation=0.1, translation=1.0, points=50)
-    found = [planning["draw"](case, seed) for seed in range(8)]
-    assert np.median([one.ratio for one in found]) > 0.9
+    found = [planning["draw"](case, seed) for seed in range(6)]
+    assert np.median([one.twice[2] for one in found]) > 1.0  # twice as many as all
+    assert (np.median([one.added for one in found], axis=0) > 1.0).all()
     ratios = np.median([one.reached / one.predicted for one in found], axis=0)
-    assert np.abs(np.log(ratios)).max() < np.log(1.2)
+    assert np.abs(np.log(ratios)).max() < np.log(1.15)
     # All six components of X in predicted standard deviations.
     assert 0.7 < np.sqrt(np.mean([one.error for one in found])) < 1.3
+
+
+@pytest.mark.slow
+@pytest.mark.simulation
+def test_first_sets() -> None:
+    """Ten planned poses serve as well as twenty random ones, and as predicted where the noise is known."""
+    planning = runpy.run_path(str(BENCHMARKS / "planning.py"))
+    case = planning["Case"](start=0, planned=10, rotation=0.1, translation=1.0, points=50)
+    found = [planning["draw"](case, seed) for seed in range(3)]
+    assert np.median([one.twice[2] for one in found]) > 1.0
+    ratios = np.median([one.reached / one.predicted for one in found], axis=0)
+    assert np.abs(np.log(ratios)).max() < np.log(1.2)

@@ -172,6 +172,7 @@ def _document(plan: "Plan") -> dict[str, object]:
     """The plan for programs."""
     return {
         "message": plan.message,
+        "camera": plan.camera,
         "poses": [
             {"image": name, "base_T_gripper": pose.tolist(), "visible": float(visible)}
             for name, pose, visible in zip(

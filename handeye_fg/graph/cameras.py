@@ -112,7 +112,7 @@ def free_intrinsics(camera: CameraModel) -> IntrinsicsPrior:
     return _prior(camera, free=True)
 
 
-def _fixed(camera: CameraModel) -> IntrinsicsPrior:
+def kept_intrinsics(camera: CameraModel) -> IntrinsicsPrior:
     """Intrinsics that stay as they are."""
     return IntrinsicsPrior(params=camera.params, sigmas=np.zeros(len(camera.params)))
 
@@ -168,7 +168,7 @@ class _Call:
             free: whether the prior is wide.
             from_file: whether the intrinsics were given by the user.
         """
-        cameras, beliefs = list(given), [_fixed(camera) for camera in given]
+        cameras, beliefs = list(given), [kept_intrinsics(camera) for camera in given]
         for k in notes:
             cameras[k], _ = nearest(self.model.cameras[k], given[k])
             beliefs[k] = _prior(given[k], free=free, given=self.of_file)

@@ -5,7 +5,8 @@ Entry points: ``plan`` (after a calibration) and ``plan_first`` (before the firs
 
 from handeye_fg.planning.arm import Arm, read_arm
 from handeye_fg.planning.expected import Expected
-from handeye_fg.planning.next_poses import USUAL_NOISE, Plan, plan, plan_first
+from handeye_fg.planning.next_poses import USUAL_NOISE, plan, plan_first
+from handeye_fg.planning.planned import Plan
 from handeye_fg.planning.reach import Both, Reach, Workspace
 
 __all__ = [

@@ -7,9 +7,12 @@ X, delta of the scene's place and l of the logarithm of its size, the residual o
     Ad (delta' - xi),   delta' = Ad(C^-1) delta + (0, R_C' t_C) l,   noise N + Ad Q^-1 Ad'
 
 with C = (R_C, t_C) the camera, and Ad the adjoint of X (of C, with the sign reversed, where the camera
-is static and the scene moves). These are 13 unknowns, and information adds up over the poses. The
-points are taken as known here: good enough to choose, while ``graph.forecast`` says what comes of it.
+is static and the scene moves). With k cameras on the arm these are 6 k + 7 unknowns, and N is common to the
+images of a pose; information adds up over the poses. The points are taken as known here: good enough to
+choose, while ``graph.forecast`` says what comes of it.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +24,13 @@ from handeye_fg.known import rows
 from handeye_fg.observability import WIDE
 from handeye_fg.priors import PosePrior, Prior
 
-UNKNOWNS = 13
 # The eigenvalues of the covariance count by this power: nearly the largest alone, yet smooth.
-_POWER = 4
+_POWER = 8
+# A rotation counts at so many standoffs: at one, position alone would decide, and the rotation be no more
+# certain than random poses leave it.
+_LEVER = 1.5
+# Information on a camera's pose that is none: ten radians, ten metres.
+_NOTHING = 0.01
 _MOST_EXCHANGES = 4
 # Poses nearer to each other than this, and than this part of the standoff, are one.
 _SAME_ANGLE, _SAME_PLACE = float(np.deg2rad(5.0)), 0.05
@@ -32,73 +39,93 @@ _SAME_ANGLE, _SAME_PLACE = float(np.deg2rad(5.0)), 0.05
 def pose_information(
     cameras: Array,
     of_image: Array,
-    X: Array,
+    gripper_T_cameras: Array,
     centre: Array,
     noise: NoiseLevels,
     *,
     static: bool,
 ) -> Array:
-    """What images with their robot poses say of the 13 unknowns: (n, 13, 13).
+    """What images with their robot poses say of the u = 6 k + 7 unknowns: (n, u, u).
 
     Args:
-        cameras: (n, 4, 4) in the scene's frame, metres.
-        of_image: information (n, 6, 6) of the images on them.
-        X: (4, 4), metres.
+        cameras: k at each of n poses (n, k, 4, 4) in the scene's frame, metres.
+        of_image: information (n, k, 6, 6) of the images on them; zero where there is no image.
+        gripper_T_cameras: X of each (k, 4, 4), metres.
         centre: a point (3,) about which the scene turns, any.
         noise: of the robot.
-        static: the camera stands still.
+        static: the cameras stand still.
     """
     robot = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** 2
-    n = len(cameras)
-    lever = frames.adjoint(cameras if static else np.broadcast_to(X, (n, 4, 4)))
+    n, k = cameras.shape[:2]
+    lever = frames.adjoint(cameras if static else np.broadcast_to(gripper_T_cameras, (n, k, 4, 4)))
     about = np.array(cameras)
-    about[:, :3, 3] -= centre
-    derivative = np.zeros((n, 6, UNKNOWNS))
-    derivative[:, :, :6] = -np.eye(6)
-    derivative[:, :, 6:12] = frames.adjoint(frames.inverse(about))
-    derivative[:, 3:, 12] = np.einsum("nji,nj->ni", about[:, :3, :3], about[:, :3, 3])
-    derivative = lever @ derivative
-    covariance = np.diag(robot) + lever @ np.linalg.inv(of_image) @ np.swapaxes(lever, 1, 2)
+    about[..., :3, 3] -= centre
+    derivative = np.zeros((n, k, 6, 6 * k + 7))
+    for i in range(k):
+        derivative[:, i, :, 6 * i : 6 * i + 6] = -np.eye(6)
+    derivative[..., 6 * k : -1] = frames.adjoint(frames.inverse(about))
+    derivative[..., 3:, -1] = np.einsum("nkji,nkj->nki", about[..., :3, :3], about[..., :3, 3])
+    derivative = (lever @ derivative).reshape(n, 6 * k, -1)
+    of_cameras = lever @ np.linalg.inv(of_image + _NOTHING * np.eye(6)) @ np.swapaxes(lever, 2, 3)
+    covariance = np.tile(np.diag(robot), (n, k, k))
+    for i in range(k):
+        own = slice(6 * i, 6 * i + 6)
+        covariance[:, own, own] += of_cameras[:, i]
     return np.asarray(np.swapaxes(derivative, 1, 2) @ np.linalg.solve(covariance, derivative))
 
 
-def prior_information(priors: tuple[Prior | PosePrior, ...], X: Array, standoff: float) -> Array:
-    """What is known without any pose (13, 13): wide limits, and the user's priors of X."""
-    wide = np.concatenate([WIDE[:6], [3.0] * 3, [10.0 * standoff + 1.0] * 3, WIDE[6:]])
-    information = np.diag(wide**-2.0)
+def prior_information(
+    priors: tuple[Prior | PosePrior, ...], gripper_T_cameras: Array, standoff: float
+) -> Array:
+    """What is known without any pose (u, u): wide limits, and the user's priors of the first X."""
+    wide = [*np.tile(WIDE[:6], len(gripper_T_cameras)), *[3.0] * 3, *[10.0 * standoff + 1.0] * 3]
+    information = np.diag(np.append(wide, WIDE[6:]) ** -2.0)
     for prior in priors:
-        derivative = rows(prior, X, 0.0)[1][:, :6]
+        derivative = rows(prior, gripper_T_cameras[0], 0.0)[1][:, :6]
         information[:6, :6] += derivative.T @ derivative
     return information
 
 
 def uncertainty(information: Array, standoff: float) -> Array:
-    """How uncertain X is (...,), metres at a distance of the standoff: a smooth worst standard deviation.
+    """How uncertain X is (...,), metres: a smooth worst standard deviation of position and rotation, of all cameras.
 
     Args:
-        information: of the 13 unknowns (..., 13, 13).
-        standoff: distance from the camera at which a rotation counts, metres.
+        information: of the unknowns (..., u, u).
+        standoff: of the camera, metres; a rotation counts by how far it moves a point at 1.5 times this distance.
     """
-    scale = np.repeat([standoff, 1.0], 3)
-    covariance = np.linalg.inv(information)[..., :6, :6] * np.outer(scale, scale)
-    variances = np.linalg.eigvalsh(covariance)
+    scale = np.repeat([_LEVER * standoff, 1.0], 3)
+    covariance = np.linalg.inv(information)
+    variances = np.concatenate(
+        [
+            np.linalg.eigvalsh(covariance[..., i : i + 6, i : i + 6] * np.outer(scale, scale))
+            for i in range(0, information.shape[-1] - 7, 6)
+        ],
+        axis=-1,
+    )
     return np.asarray(np.mean(variances**_POWER, axis=-1) ** (0.5 / _POWER))
 
 
 def best(
-    known: Array, gains: Array, poses: Array, taken: Array, count: int, standoff: float
+    known: Array,
+    gains: Array,
+    poses: Array,
+    taken: Array,
+    count: int,
+    standoff: float,
+    start: Sequence[int] = (),
 ) -> NDArray[np.int64]:
     """The poses that together leave X least uncertain, the one that helps most first.
 
     Greedy, then each is exchanged for a better one while there is any.
 
     Args:
-        known: information (13, 13) of what is there.
-        gains: information (n, 13, 13) that each pose adds.
+        known: information (u, u) of what is there.
+        gains: information (n, u, u) that each pose adds.
         poses: the poses (n, 4, 4), metres.
         taken: those (m, 4, 4) that exist; none is chosen again.
         count: how many to choose.
         standoff: of the camera, metres.
+        start: a choice to begin with.
 
     Returns:
         Indices of the poses; fewer where too few differ from each other.
@@ -113,7 +140,7 @@ def best(
         present = known + gains[chosen].sum(axis=0)
         return int(open_[np.argmin(uncertainty(present + gains[open_], standoff))])
 
-    chosen: list[int] = []
+    chosen = list(start)
     while len(chosen) < count and (one := added(chosen)) is not None:
         chosen.append(one)
     for _ in range(_MOST_EXCHANGES):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from handeye_fg.findings import FreeDirection
 from handeye_fg.frames import Array
 from handeye_fg.io.camera_results import Stds, Uncertain, std_rotation_deg, std_translation_mm
-from handeye_fg.io.results import Result
 from handeye_fg.observability import Observability
 
 
@@ -55,19 +54,17 @@ def of_model(X: Array, found: Observability) -> Expected:
     )
 
 
-def of_result(result: Result) -> Expected:
-    """As a calibration reports it."""
+def of_result(result: Uncertain) -> Expected:
+    """As a calibration reports it, of its X or of a camera's."""
     return _told(result)
 
 
-def corrected(result: Result, now: Expected, later: Expected) -> Expected:
+def corrected(reported: Expected, now: Expected, later: Expected, *, white: bool) -> Expected:
     """What the model expects, by as much better or worse as the result is than what it expects now.
 
     Where the arm's errors are not white, what they add to the model's variances is taken to stay: part of
     it shows in no residual, whatever the number of images.
     """
-    reported = of_result(result)
-    white = result.certainty is None or result.certainty.robot.white
 
     def one(found: float | None, before: float | None, after: float | None) -> float | None:
         if found is None or before is None or after is None or before == 0.0:

@@ -1,10 +1,10 @@
 """Which poses to take next; entry points ``plan`` and ``plan_first``."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handeye_fg import sfm
 from handeye_fg.errors import InputDataError
@@ -14,17 +14,18 @@ from handeye_fg.graph.forecast import forecast
 from handeye_fg.io.config import read_config
 from handeye_fg.io.result_reader import load_result
 from handeye_fg.io.results import Result
-from handeye_fg.observability import Observability
-from handeye_fg.planning.candidates import Candidates, candidates
+from handeye_fg.planning.candidates import Candidates, candidates, joined, nearby
 from handeye_fg.planning.design import best, pose_information, prior_information
 from handeye_fg.planning.expected import Expected, corrected, of_model, of_result
+from handeye_fg.planning.planned import Plan, planned
 from handeye_fg.planning.reach import Reach, Workspace
-from handeye_fg.planning.sight import gripper_pose
 from handeye_fg.planning.situation import Situation, assumed_situation, situation_of
 from handeye_fg.priors import AnyPrior, PosePrior, Prior
-from handeye_fg.types import CameraModel, Indices, SfmModel, frozen_array
+from handeye_fg.types import CameraModel, Indices, Rig, SfmModel
 
-_CANDIDATES = 400
+_CANDIDATES = 800
+# Then each chosen pose is exchanged for better ones near it, so many times among so many.
+_ROUNDS, _NEARBY = 5, 20
 # A planned image sees this part at least of the points that an earlier one sees.
 _LEAST_VIEW = 0.3
 _FEWEST_POINTS = 8
@@ -38,32 +39,6 @@ USUAL_NOISE = NoiseLevels(
     image_inflation=2.0,
 )
 """What to expect of a usual arm and camera."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
-    """Poses to take, the one that helps most first.
-
-    Attributes:
-        names: names (k,) for their images.
-        base_T_gripper: the poses (k, 4, 4), metres.
-        visible: part (k,) of the scene's points that an image there is expected to see.
-        present: how certain X is now; None before the first images.
-        expected: how certain X is going to be with the first, the first two, ... of the poses.
-        message: what comes of it, in words.
-    """
-
-    names: tuple[str, ...]
-    base_T_gripper: Array
-    visible: Array
-    present: Expected | None
-    expected: tuple[Expected, ...]
-    message: str
-
-    def __post_init__(self) -> None:
-        n = len(self.names)
-        for name, shape in (("base_T_gripper", (n, 4, 4)), ("visible", (n,))):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape, name))
 
 
 def plan(
@@ -119,14 +94,23 @@ def plan(
     suffix = PurePosixPath(model.names[0]).suffix
     rng = np.random.default_rng(seed)
     there = situation_of(rng, result, model, of_x)
-    taken = gripper_pose(there.scene_T_camera, there.X, static=there.static)
-    options, chosen = _chosen(rng, there, count, reach or Workspace.around(taken), taken)
-    now = of_model(there.X, _forecast(there, options, chosen[:0]))
-    expected = tuple(
-        corrected(result, now, of_model(there.X, _forecast(there, options, chosen[: k + 1])))
-        for k in range(len(chosen))
+    options, chosen = _chosen(rng, there, count, reach or Workspace.around(there.taken))
+    reported = [of_result(one) for one in result.cameras or (result,)]
+    white = result.certainty is None or result.certainty.robot.white
+    now, *later = (_expected(there, options, chosen[:k]) for k in range(len(chosen) + 1))
+    expected = [
+        [corrected(*one, white=white) for one in zip(reported, now, with_these, strict=True)]
+        for with_these in later
+    ]
+    worst = _least_certain(expected[-1], there.sight.standoff)
+    return planned(
+        options,
+        chosen,
+        reported[worst],
+        tuple(one[worst] for one in expected),
+        f"next_{{:03d}}{suffix}",
+        there.names[worst],
     )
-    return _plan(options, chosen, of_result(result), expected, f"next_{{:03d}}{suffix}")
 
 
 def plan_first(
@@ -171,13 +155,12 @@ def plan_first(
     )
     mount = np.eye(4) if X is None else X
     there = assumed_situation(rng, np.asarray(look_at), standoff, lens, mount, noise)
-    options, chosen = _chosen(rng, there, count, reach, np.zeros((0, 4, 4)))
-    expected = of_model(mount, _forecast(there, options, chosen))
-    return _plan(options, chosen, None, (expected,), "first_{:03d}.jpg")
+    options, chosen = _chosen(rng, there, count, reach)
+    return planned(options, chosen, None, _expected(there, options, chosen), "first_{:03d}.jpg")
 
 
 def _chosen(
-    rng: np.random.Generator, there: Situation, count: int, reach: Reach, taken: Array
+    rng: np.random.Generator, there: Situation, count: int, reach: Reach
 ) -> tuple[Candidates, Indices]:
     """Poses that may be taken, and which of them are best.
 
@@ -187,39 +170,31 @@ def _chosen(
     """
     if count < 1:
         raise ValueError(f"{count=} but expected 1 or more")
-    sight, noise = there.sight, there.noise
-    seen = (
-        np.bincount(there.image_index, minlength=len(taken)) if len(taken) else [len(sight.points)]
-    )
+    cameras, taken, standoff = there.cameras, there.taken, there.sight.standoff
+    n_images, n_points = len(there.scene_T_camera), len(there.sight.points)
+    seen = np.bincount(there.image_index, minlength=n_images) if n_images else [n_points]
     fewest = max(_FEWEST_POINTS, int(_LEAST_VIEW * np.median(seen) / there.matched))
-    options = candidates(rng, sight, there.X, reach, fewest, _CANDIDATES, static=there.static)
-    centre, sigma = sight.centre, noise.image_sigma
-    known = prior_information(there.priors, there.X, sight.standoff)
-    if len(taken):
-        saw = np.zeros((len(taken), len(sight.points)), dtype=bool)
-        saw[there.image_index, there.point_index] = True
-        used = there.trusted & (saw.sum(axis=1) >= _FEWEST_POINTS // 2)
-        own = sigma / np.sqrt(there.sample)
-        images = np.array(
-            [
-                sight.pose_information(camera, which, own)
-                for camera, which in zip(there.scene_T_camera[used], saw[used], strict=True)
-            ]
-        )
-        known = known + pose_information(
-            there.scene_T_camera[used], images, there.X, centre, noise, static=there.static
-        ).sum(axis=0)
-    own = sigma / np.sqrt(there.sample * there.matched)
-    images = np.array(
-        [
-            sight.pose_information(camera, which, own)
-            for camera, which in zip(options.scene_T_camera, options.visible, strict=True)
-        ]
-    )
-    gains = pose_information(
-        options.scene_T_camera, images, there.X, centre, noise, static=there.static
-    )
-    chosen = best(known, gains, options.base_T_gripper, taken, count, sight.standoff)
+    known = prior_information(there.priors, cameras.gripper_T_cameras, standoff)
+    if n_images:
+        saw = np.zeros((len(taken), len(cameras.sights), n_points), dtype=bool)
+        rows = there.rig.pose[there.image_index], there.rig.camera[there.image_index]
+        saw[*rows, there.point_index] = True
+        used = there.trusted & (saw.sum(axis=2).max(axis=1) >= _FEWEST_POINTS // 2)
+        placed = cameras.in_scene(taken[used])
+        known = known + _gains(there, placed, saw[used], there.sample).sum(axis=0)
+
+    def gains(some: Candidates) -> Array:
+        return _gains(there, some.scene_T_cameras, some.visible, there.sample * there.matched)
+
+    options = candidates(rng, cameras, reach, fewest, _CANDIDATES)
+    adds = gains(options)
+    chosen = best(known, adds, options.base_T_gripper, taken, count, standoff)
+    for _ in range(_ROUNDS if len(chosen) else 0):
+        found = options.only(chosen)
+        near = nearby(rng, found, cameras, reach, fewest, _NEARBY)
+        adds, options = np.concatenate([adds[chosen], gains(near)]), joined([found, near])
+        first = range(len(chosen))
+        chosen = best(known, adds, options.base_T_gripper, taken, count, standoff, start=first)
     if len(chosen) == 0:
         raise InputDataError(
             "every pose within reach that sees the scene has been taken already; give a larger workspace"
@@ -227,83 +202,81 @@ def _chosen(
     return options, chosen
 
 
-def _forecast(there: Situation, options: Candidates, chosen: Indices) -> Observability:
-    """X with the images that are there and those of the chosen poses."""
-    n = len(there.scene_T_camera)
-    image, point = np.nonzero(options.visible[chosen])
+def _gains(there: Situation, scene_T_cameras: Array, saw: NDArray[np.bool_], each: float) -> Array:
+    """What images say of the unknowns (n, u, u).
+
+    Args:
+        there: the scene and the cameras.
+        scene_T_cameras: at each pose (n, k, 4, 4).
+        saw: the points (n, k, p) that they see.
+        each: how many observations each of them stands for.
+    """
+    sigmas = there.noise.image_sigma * there.levels / np.sqrt(each)
+    images = np.zeros((*saw.shape[:2], 6, 6))
+    for i, k in np.argwhere(saw.any(axis=2)).tolist():
+        images[i, k] = there.cameras.sights[k].pose_information(
+            scene_T_cameras[i, k], saw[i, k], float(sigmas[k])
+        )
+    cameras = there.cameras
+    return pose_information(
+        scene_T_cameras,
+        images,
+        cameras.gripper_T_cameras,
+        there.sight.centre,
+        there.noise,
+        static=cameras.static,
+    )
+
+
+def _expected(there: Situation, options: Candidates, chosen: Indices) -> tuple[Expected, ...]:
+    """How certain each camera's X is with the images that are there and those of the chosen poses."""
+    n, n_poses = len(there.scene_T_camera), len(there.trusted)
+    saw = options.visible[chosen]
+    new_pose, new_camera = np.nonzero(saw.any(axis=2))
+    image, point = np.nonzero(saw[new_pose, new_camera])
+    rig = Rig(
+        n_cameras=there.rig.n_cameras,
+        camera=np.concatenate([there.rig.camera, new_camera]),
+        pose=np.concatenate([there.rig.pose, n_poses + new_pose]),
+    )
     image_index = np.concatenate([there.image_index, n + image])
     point_index = np.concatenate([there.point_index, point])
-    sigma_scale = np.concatenate(
-        [
-            np.full(len(there.image_index), there.sample**-0.5),
-            np.full(len(image), (there.sample * there.matched) ** -0.5),
-        ]
+    each = np.repeat(
+        [there.sample, there.sample * there.matched], [len(there.image_index), len(image)]
     )
     # Points that one image alone sees say nothing.
     twice = np.bincount(point_index, minlength=len(there.sight.points)) >= 2
     used = twice[point_index]
     number = np.cumsum(twice) - 1
-    return forecast(
-        np.concatenate([there.scene_T_camera, options.scene_T_camera[chosen]]),
+    X = there.cameras.gripper_T_cameras
+    found = forecast(
+        np.concatenate(
+            [there.scene_T_camera, options.scene_T_cameras[chosen][new_pose, new_camera]]
+        ),
+        rig,
         there.sight.points[twice],
         image_index[used],
         number[point_index[used]],
-        sigma_scale[used],
-        there.X,
-        there.sight.camera,
+        (there.levels[rig.camera[image_index]] / np.sqrt(each))[used],
+        X,
+        [sight.camera for sight in there.cameras.sights],
         there.noise,
         there.known,
-        trusted=np.concatenate([there.trusted, np.ones(len(chosen), dtype=bool)]),
+        trusted=np.append(there.trusted, np.ones(len(chosen), dtype=bool)),
         refine_intrinsics=there.refine_intrinsics,
         priors=there.priors,
         frame=there.frame,
-        inverted=there.static,
+        inverted=there.cameras.static,
     )
+    return tuple(map(of_model, X, found))
 
 
-def _plan(
-    options: Candidates,
-    chosen: Indices,
-    present: Expected | None,
-    expected: tuple[Expected, ...],
-    name: str,
-) -> Plan:
-    return Plan(
-        names=tuple(name.format(k + 1) for k in range(len(chosen))),
-        base_T_gripper=options.base_T_gripper[chosen],
-        visible=options.visible[chosen].mean(axis=1),
-        present=present,
-        expected=expected,
-        message=_message(len(chosen), present, expected),
-    )
+def _least_certain(expected: Sequence[Expected], standoff: float) -> int:
+    """The camera of which least is determined, or that moves a point at the standoff most."""
 
+    def doubt(one: Expected) -> tuple[int, float]:
+        degrees, millimetres = one.worst
+        moved = standoff * np.deg2rad(degrees or 0.0) + 1e-3 * (millimetres or 0.0)
+        return len(one.free_directions), float(moved)
 
-def _message(count: int, present: Expected | None, expected: Sequence[Expected]) -> str:
-    """What comes of it, in words."""
-    last = expected[-1]
-    parts = [
-        f"With {'these' if present is None else 'the'} {count} {'poses' if count > 1 else 'pose'} the largest "
-        f"standard deviations are expected to be {_worst(last)}"
-        + (f"; they are {_worst(present)} now." if present is not None else ".")
-    ]
-    if present is not None and present.free_directions:
-        parts += [direction.description for direction in present.free_directions]
-        complete = [k for k, one in enumerate(expected, 1) if not one.free_directions]
-        if complete:
-            first = (
-                "the first of the poses"
-                if complete[0] == 1
-                else f"the first {complete[0]} of the poses"
-            )
-            parts.append(f"With {first} nothing is left undetermined.")
-    if last.free_directions:
-        parts.append("Even with all of them:")
-        parts += [direction.description for direction in last.free_directions]
-    return " ".join(parts)
-
-
-def _worst(expected: Expected) -> str:
-    degrees, millimetres = expected.worst
-    rotation = "undetermined in rotation" if degrees is None else f"{degrees:.2g} deg"
-    translation = "undetermined in position" if millimetres is None else f"{millimetres:.2g} mm"
-    return f"{rotation} and {translation}"
+    return max(range(len(expected)), key=lambda k: doubt(expected[k]))

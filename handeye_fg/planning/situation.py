@@ -1,6 +1,8 @@
 """What is there before a plan: the scene, the camera, the images taken; from a result, or assumed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +16,21 @@ from handeye_fg.io.exports.trajectories import scene_poses
 from handeye_fg.io.results import Result
 from handeye_fg.options import NoiseOptions
 from handeye_fg.parts import only
-from handeye_fg.planning.sight import Sight, in_image
+from handeye_fg.planning.candidates import Cameras
+from handeye_fg.planning.sight import Sight, gripper_pose, in_image
 from handeye_fg.priors import PosePrior, Prior
-from handeye_fg.types import CameraModel, Indices, SfmModel, Tracks
+from handeye_fg.types import CameraModel, Indices, Rig, SfmModel, Tracks, folder_of
 
 # So many points tell what images see; all of them would take long.
 _MOST_POINTS = 600
 # Two lines of sight that meet at this angle; a smaller one leaves the depth to the noise.
 _LEAST_PARALLAX = 0.02
 _LEAST_MATCHED = 0.05
+# From the vertical, before the first image: neighbours on a ring of ten tilted by this see each other's features.
+_WIDEST_VIEW = float(np.deg2rad(55.0))
 _FEWEST_IMAGES = 3
+# What rounding leaves of differences between poses of the gripper that are one.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,38 +38,52 @@ class Situation:
     """What a plan starts from.
 
     Attributes:
-        sight: the scene and the camera.
-        X: the camera on the gripper (4, 4), of a static camera in the base, metres.
+        cameras: the scene and the cameras.
+        names: of several cameras; ("",) of one.
         scene_T_camera: where images were taken (n, 4, 4), in the scene's frame, metres.
-        trusted: (n,) whose robot poses are used.
+        rig: which camera took an image, and at which robot pose.
+        trusted: (r,) which robot poses are used.
         image_index, point_index: which image saw which point (m,).
+        levels: of each camera (k,) the standard deviation of its observations, relative to the noise's.
         sample: how many observations each of them stands for.
         matched: part of the points in sight that an image finds.
         noise: the levels.
         known: those that are not estimated.
-        refine_intrinsics: whether the intrinsics are unknowns.
-        priors: what is known of X beforehand.
-        static: whether the camera stands still.
+        refine_intrinsics: (k,) whether the intrinsics are unknowns.
+        priors: what is known of the first X beforehand.
     """
 
-    sight: Sight
-    X: Array
+    cameras: Cameras
+    names: tuple[str, ...]
     scene_T_camera: Array
+    rig: Rig
     trusted: NDArray[np.bool_]
     image_index: Indices
     point_index: Indices
+    levels: Array
     sample: float
     matched: float
     noise: NoiseLevels
     known: NoiseOptions
-    refine_intrinsics: bool = False
+    refine_intrinsics: tuple[bool, ...]
     priors: tuple[Prior | PosePrior, ...] = ()
-    static: bool = False
+
+    @property
+    def sight(self) -> Sight:
+        """The scene and the first camera."""
+        return self.cameras.sights[0]
 
     @property
     def frame(self) -> str:
         """The parent frame of X."""
-        return "base" if self.static else "gripper"
+        return "base" if self.cameras.static else "gripper"
+
+    @property
+    def taken(self) -> Array:
+        """The poses (r, 4, 4) of the gripper at which images were taken, metres."""
+        _, first = np.unique(self.rig.pose, return_index=True)
+        X = self.cameras.gripper_T_cameras[self.rig.camera[first]]
+        return gripper_pose(self.scene_T_camera[first], X, static=self.cameras.static)
 
 
 def situation_of(
@@ -77,42 +98,68 @@ def situation_of(
         rng: chooses the points that stand for all.
         result: the calibration.
         model: the reconstruction that it was made from.
-        priors: what was known of X beforehand.
+        priors: what was known of the first X beforehand.
 
     Raises:
-        InputDataError: the result has no images or several cameras, or does not belong to the model.
+        InputDataError: the result has no images, or does not belong to the model.
     """
     if result.noise is None or result.camera is None:
         raise InputDataError(
             "the result has no images, so that nobody knows what the camera sees; plan for a calibration "
             "from images"
         )
-    if result.cameras:
-        raise InputDataError(
-            f"the result has {len(result.cameras)} cameras, but poses are planned for one; calibrate the "
-            "images of one camera by themselves"
-        )
-    model, cameras, points = _in_scene(result, model)
+    static = result.setup == "eye-to-hand"
+    model, placed, points = _in_scene(result, model)
+    several = result.cameras
+    names = tuple(one.name for one in several) or ("",)
+    lenses = tuple(one.camera for one in several) or (result.camera,)
+    refined = tuple(one.intrinsics_refined for one in several) or (result.intrinsics_refined,)
+    X = np.array([one.matrix for one in several or (result,)])
+    levels = np.array([one.pixel / result.noise.pixel for one in several] or [1.0])
+    index = {name: i for i, name in enumerate(names)}
+    taken_by = np.array([index[folder_of(name)] if several else 0 for name in model.names])
+    grippers = gripper_pose(placed, X[taken_by], static=static)
+    rig = Rig(n_cameras=len(X), camera=taken_by, pose=_same_pose(model.names, grippers))
     outliers = {image.name for image in result.images if image.outlier}
-    tracks, sample = _thinned(rng, _clean(model.tracks, cameras, points, result.camera))
-    sight = _sight(tracks, cameras, result.camera)
-    visible = sight.visible(cameras)
-    matched = len(tracks.point_index) / max(int(np.count_nonzero(visible)), 1)
+    trusted = np.ones(int(rig.pose.max()) + 1, dtype=bool)
+    trusted[rig.pose[[name in outliers for name in model.names]]] = False
+    tracks, sample = _thinned(rng, _clean(model.tracks, placed, points, lenses, taken_by))
+    sights = tuple(_sight(tracks, placed, lens) for lens in lenses)
+    visible = sum(
+        int(np.count_nonzero(sight.visible(placed[taken_by == i])))
+        for i, sight in enumerate(sights)
+    )
     return Situation(
-        sight=sight,
-        X=result.matrix,
-        scene_T_camera=cameras,
-        trusted=np.array([name not in outliers for name in model.names]),
+        cameras=Cameras(sights=sights, gripper_T_cameras=X, static=static),
+        names=names,
+        scene_T_camera=placed,
+        rig=rig,
+        trusted=trusted,
         image_index=tracks.image_index,
         point_index=tracks.point_index,
+        levels=levels,
         sample=sample,
-        matched=float(np.clip(matched, _LEAST_MATCHED, 1.0)),
+        matched=float(np.clip(len(tracks.point_index) / max(visible, 1), _LEAST_MATCHED, 1.0)),
         noise=result.noise,
         known=_known(result),
-        refine_intrinsics=result.intrinsics_refined,
+        refine_intrinsics=refined,
         priors=priors,
-        static=result.setup == "eye-to-hand",
     )
+
+
+def _same_pose(names: Sequence[str], base_T_gripper: Array) -> Indices:
+    """Which robot pose (n,) each image was taken at: images of one file name in several folders share one."""
+    poses: dict[tuple[str, int], int] = {}
+    found: list[int] = []
+    for name, matrix in zip(names, base_T_gripper, strict=True):
+        copy = 0
+        while (key := (PurePosixPath(name).name, copy)) in poses:
+            other = base_T_gripper[found.index(poses[key])]
+            if np.allclose(matrix, other, rtol=0.0, atol=_SAME):
+                break
+            copy += 1
+        found.append(poses.setdefault(key, len(poses)))
+    return np.array(found, dtype=np.int64)
 
 
 def assumed_situation(
@@ -135,25 +182,29 @@ def assumed_situation(
     """
     half_size = 0.35 * standoff * np.array([1.0, 1.0, 0.2])
     points = look_at + rng.uniform(-1.0, 1.0, (_MOST_POINTS // 4, 3)) * half_size
-    everywhere = np.arange(len(points))
+    sight = Sight(
+        points=points,
+        rays=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
+        distances=np.full(len(points), standoff),
+        point_index=np.arange(len(points)),
+        camera=camera,
+        widest_angle=_WIDEST_VIEW,
+    )
+    none = np.zeros(0, dtype=np.int64)
     return Situation(
-        sight=Sight(
-            points=points,
-            rays=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
-            distances=np.full(len(points), standoff),
-            point_index=everywhere,
-            camera=camera,
-            widest_angle=float(np.deg2rad(45.0)),
-        ),
-        X=X,
+        cameras=Cameras(sights=(sight,), gripper_T_cameras=X[None], static=False),
+        names=("",),
         scene_T_camera=np.zeros((0, 4, 4)),
+        rig=Rig.of_one_camera(0),
         trusted=np.zeros(0, dtype=bool),
-        image_index=np.zeros(0, dtype=np.int64),
-        point_index=np.zeros(0, dtype=np.int64),
+        image_index=none,
+        point_index=none,
+        levels=np.ones(1),
         sample=1.0,
         matched=1.0,
         noise=noise,
         known=NoiseOptions(),
+        refine_intrinsics=(False,),
     )
 
 
@@ -184,11 +235,17 @@ def _extent(cameras: Array) -> float:
     return float(np.sqrt(np.sum(np.var(cameras[:, :3, 3], axis=0))))
 
 
-def _clean(tracks: Tracks, cameras: Array, points: Array, camera: CameraModel) -> Tracks:
+def _clean(
+    tracks: Tracks, cameras: Array, points: Array, lenses: Sequence[CameraModel], taken_by: Indices
+) -> Tracks:
     """The observations that are where the camera looks, of points with depth; points in metres."""
     image, point = tracks.image_index, tracks.point_index
     offsets = points[point] - cameras[image, :3, 3]
-    good = in_image(camera, np.einsum("mji,mj->mi", cameras[image, :3, :3], offsets))
+    in_camera = np.einsum("mji,mj->mi", cameras[image, :3, :3], offsets)
+    good = np.zeros(len(image), dtype=bool)
+    for i, lens in enumerate(lenses):
+        own = taken_by[image] == i
+        good[own] = in_image(lens, in_camera[own])
     rays = offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
     total = np.zeros((len(points), 3))
     np.add.at(total, point[good], rays[good])

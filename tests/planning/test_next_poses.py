@@ -12,9 +12,12 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.findings import RobotErrors
 from handeye_fg.io.config import write_config
 from handeye_fg.planning import Workspace, plan, plan_first
+from handeye_fg.planning.candidates import candidates
 from handeye_fg.planning.expected import corrected, of_result
+from handeye_fg.planning.next_poses import _expected
+from handeye_fg.planning.situation import situation_of
 from handeye_fg.sfm import read_model
-from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.simulate.scenes import SCENE_CENTRE
 from handeye_fg.synthetic_set import write_scene
 
@@ -109,6 +112,37 @@ def test_static_camera(tmp_path):
     assert (np.abs(centre[:, :2]).max(axis=1) < 0.7 * centre[:, 2]).all()
 
 
+def test_several_cameras():
+    """The plan is for the camera that is least certain, and knows which images share a robot pose."""
+    rig = simulate_rig(
+        np.random.default_rng(5),
+        n_poses=8,
+        n_points=80,
+        start_sigma=1e-4,
+        missing=frozenset((1, i) for i in range(5, 8)),
+    )
+    options = hf.Options(graph=hf.GraphOptions(intrinsics="fixed"))
+    result = hf.refine(rig.scene.model, rig.robot_poses, options)
+    there = situation_of(np.random.default_rng(0), result, rig.scene.model)
+    np.testing.assert_array_equal(there.rig.camera, rig.rig.camera)
+    np.testing.assert_array_equal(there.rig.pose, rig.rig.pose)
+    np.testing.assert_allclose(there.taken, rig.robot_poses.base_T_gripper, atol=1e-3)
+    found = plan(result, rig.scene.model, 3, reach=WIDE)
+    assert found.camera == "cam1"
+    assert "of cam1, the least certain of the cameras" in found.message
+    assert found.names[0] == "next_001.jpg"
+    assert found.present.std_translation_mm == of_result(result.cameras[1]).std_translation_mm
+    worst = [max(one.std_translation_mm) for one in (found.present, *found.expected)]
+    assert worst == sorted(worst, reverse=True)
+    assert worst[-1] < 0.8 * worst[0]
+    # What the model expects of the images that are there is what the refinement reports of them.
+    options = candidates(np.random.default_rng(0), there.cameras, WIDE, 8, 1)
+    for one, expected in zip(result.cameras, _expected(there, options, np.arange(0)), strict=True):
+        reported = of_result(one)
+        for name in ("std_rotation_deg", "std_translation_mm"):
+            np.testing.assert_allclose(getattr(expected, name), getattr(reported, name), rtol=0.3)
+
+
 def test_errors_that_are_not_white_stay(folder):
     result = hf.load_result(folder)
     found = plan(folder, count=1, reach=WIDE)
@@ -126,7 +160,7 @@ def test_errors_that_are_not_white_stay(folder):
         certainty=replace(result.certainty, robot=robot),
     )
     now = of_result(result)
-    later = corrected(structured, now, found.expected[0])
+    later = corrected(of_result(structured), now, found.expected[0], white=False)
     expected = np.sqrt(
         np.square(found.expected[0].std_translation_mm) + 3.0 * np.square(now.std_translation_mm)
     )
