@@ -38,7 +38,8 @@ def test_planned_poses_and_their_predictions() -> None:
     case = planning["Case"](start=10, planned=6, rotation=0.1, translation=1.0, points=50)
     found = [planning["draw"](case, seed) for seed in range(6)]
     assert np.median([one.twice[2] for one in found]) > 1.0  # twice as many as all
-    assert (np.median([one.added for one in found], axis=0) > 1.0).all()
+    _, position, distance = np.median([one.added for one in found], axis=0)
+    assert min(position, distance) > 1.2
     ratios = np.median([one.reached / one.predicted for one in found], axis=0)
     assert np.abs(np.log(ratios)).max() < np.log(1.15)
     # All six components of X in predicted standard deviations.

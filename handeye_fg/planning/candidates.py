@@ -20,8 +20,9 @@ _MOST_DRAWS = 20_000
 _BATCH = 500
 # How far from the scene's middle the camera aims, in standard deviations of its points.
 _AIM = 0.35
-# At one distance the size of the scene and the camera's place along its axis are hardly told apart.
-_NEARER, _FARTHER = 0.7, 1.4
+# At one distance the size of the scene and the camera's place along its axis are hardly told apart: distances
+# vary as those seen, and at least from and to these parts of the standoff.
+_NEARER, _FARTHER = 0.65, 1.5
 # How far poses near a pose are: round the scene's middle, radians, and in the logarithm of the distance.
 _NEAR_ANGLE, _NEAR_DISTANCE = 0.1, 0.1
 
@@ -181,7 +182,9 @@ def _usable(
 def _distances(sight: Sight) -> tuple[float, float]:
     """The shortest and the longest distance of a camera from what it aims at."""
     nearest, farthest = np.quantile(sight.distances, [0.1, 0.9]).tolist()
-    return _NEARER * nearest, _FARTHER * farthest
+    return min(0.9 * nearest, _NEARER * sight.standoff), max(
+        1.1 * farthest, _FARTHER * sight.standoff
+    )
 
 
 def _at_distance(sight: Sight, cameras: Array) -> NDArray[np.bool_]:

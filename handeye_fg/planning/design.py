@@ -26,9 +26,6 @@ from handeye_fg.priors import PosePrior, Prior
 
 # The eigenvalues of the covariance count by this power: nearly the largest alone, yet smooth.
 _POWER = 8
-# A rotation counts at so many standoffs: at one, position alone would decide, and the rotation be no more
-# certain than random poses leave it.
-_LEVER = 1.5
 # Information on a camera's pose that is none: ten radians, ten metres.
 _NOTHING = 0.01
 _MOST_EXCHANGES = 4
@@ -91,9 +88,9 @@ def uncertainty(information: Array, standoff: float) -> Array:
 
     Args:
         information: of the unknowns (..., u, u).
-        standoff: of the camera, metres; a rotation counts by how far it moves a point at 1.5 times this distance.
+        standoff: distance from the camera, metres; a rotation counts by how far it moves a point there.
     """
-    scale = np.repeat([_LEVER * standoff, 1.0], 3)
+    scale = np.repeat([standoff, 1.0], 3)
     covariance = np.linalg.inv(information)
     variances = np.concatenate(
         [

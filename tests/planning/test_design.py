@@ -214,8 +214,8 @@ def test_what_is_known_of_x_counts():
     free = uncertainty(prior_information((), X[None], STANDOFF), STANDOFF)
     rough = PosePrior.of(X, 0.5, 2.0)
     found = uncertainty(prior_information((rough,), X[None], STANDOFF), STANDOFF)
-    # A rotation counts at one and a half standoffs; the mean of eighth powers is a little below the largest.
-    assert found == pytest.approx(1.5 * STANDOFF * np.deg2rad(0.5), rel=0.1)
+    # The mean of eighth powers is a little below the largest.
+    assert found == pytest.approx(STANDOFF * np.deg2rad(0.5), rel=0.1)
     height = Prior("translation-along", (0, 0, 1), 0.08, 0.001)
     assert found < free
     information = prior_information((height,), X[None], STANDOFF)[3:6, 3:6]
