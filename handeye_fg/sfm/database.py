@@ -6,6 +6,7 @@ Entry points ``begin_matching`` and ``adopt_matches``.
 import hashlib
 import shutil
 from collections.abc import Container, Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -129,19 +130,20 @@ def _copy(
     *,
     geometry: bool,
 ) -> None:
-    """Copy pairs of the images with these numbers; ``wanted``: None copies all."""
+    """Copy pairs of the images with these numbers, those without matches too; ``wanted``: None copies all."""
     with pycolmap.Database.open(older.database) as source:
-        ours = {k: ids.get(name) for k, name in enumerate(older.facts["images"], start=1)}
-        for pair_id in source.read_num_matches()[0]:
-            i, j = pycolmap.pair_id_to_image_pair(pair_id)
-            first, second = ours[i], ours[j]
-            if first is None or second is None or db.exists_matches(first, second):
+        ours = [
+            (k, ids[name]) for k, name in enumerate(older.facts["images"], start=1) if name in ids
+        ]
+        for (i, first), (j, second) in combinations(ours, 2):
+            if wanted is not None and (first, second) not in wanted:
                 continue
-            if wanted is None or (first, second) in wanted:
-                db.write_matches(first, second, source.read_matches(i, j))
-                if geometry and source.exists_two_view_geometry(i, j):
-                    found = source.read_two_view_geometry(i, j)
-                    db.write_two_view_geometry(first, second, found)
+            if db.exists_matches(first, second) or not source.exists_matches(i, j):
+                continue
+            db.write_matches(first, second, source.read_matches(i, j))
+            if geometry and source.exists_two_view_geometry(i, j):
+                found = source.read_two_view_geometry(i, j)
+                db.write_two_view_geometry(first, second, found)
 
 
 def _content(db: pycolmap.Database, image_id: int) -> str:
