@@ -94,6 +94,20 @@ def test_interrupt_ends_the_program_within_two_seconds(
 
 
 @pytest.mark.e2e
+def test_an_interrupt_at_the_start_is_no_failure(images: Path, tmp_path: Path) -> None:
+    """As soon as the process that works is there, which then still imports."""
+    process = start(images, tmp_path / "out")
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while process.poll() is None and not children.read_text():
+        time.sleep(0.002)
+    process.send_signal(signal.SIGINT)
+    _, printed = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert [line for line in printed.splitlines() if line][-2:] == ["Interrupted.", CONTINUE]
+    assert "Traceback" not in printed
+
+
+@pytest.mark.e2e
 def test_the_work_ends_with_the_program(images: Path, tmp_path: Path) -> None:
     process = start(images, tmp_path / "out")
     wait_for(process, "finding features ...")
