@@ -69,7 +69,7 @@ def array_table(data: bytes, source: str) -> Table:
         ) from error
     if array.ndim == 2 and array.shape in {(4, 4), (3, 4)}:
         array = array[None]
-    if array.ndim == 3 and array.shape[1:] in {(4, 4), (3, 4)}:
+    if array.ndim == 3 and array.size and array.shape[1:] in {(4, 4), (3, 4)}:
         array = array.reshape(len(array), -1)
     if array.ndim != 2 or not array.size or array.shape[1] > _MOST_COLUMNS:
         raise InputDataError(f"{source}: {array.shape=}, but must be (n, 4, 4) or (n, 3, 4)")
@@ -251,7 +251,9 @@ def _cell(value: object) -> str:
     """A scalar as text."""
     if isinstance(value, bool) or value is None:
         return ""
-    if isinstance(value, int) and value.bit_length() > 128:
+    if (
+        isinstance(value, int) and value.bit_length() > 128
+    ):  # Python prints no more than 4300 digits
         return "too large"
     return value if isinstance(value, str) else repr(value)
 

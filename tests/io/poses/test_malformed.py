@@ -22,14 +22,23 @@ POSES = RobotPoses(names=TIMED, base_T_gripper=exp(np.array(TWISTS, dtype=float)
 SUFFIXES = {"ros": (".yaml", ".csv"), "matrix": (".txt", ".npy", ".json"), "moveit": (".yaml",)}
 TF_ECHO = "At time 1.5\n- Translation: [0.5, 0.1, 0.2]\n- Rotation: in Quaternion [0, 0, 0, 1]\n"
 
+# As controllers print them.
+NOTATIONS = {
+    "ur": "a.png p[0.5, 0.1, 0.2, 0.1, 2.2, -0.3]\nb.png p[0.4, 0.1, 0.3, 0.2, 2.1, 0.3]\n",
+    "kuka": "a.png {X 500.0, Y 10.0, Z 300.0, A 170.0, B 1.5, C -179.0, S 6, T 50}\n",
+    "abb": "a.png [[500.0,10.0,300.0],[0.0,1.0,0.0,0.0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]\n",
+}
+
 
 def whole_files(folder: Path) -> list[tuple[str, str, bytes]]:
     """Format, suffix and content of a good file in each form; of folders that of a file in them."""
     files = [("ros", ".txt", TF_ECHO.encode())]
+    files += [(name, ".txt", text.encode()) for name, text in NOTATIONS.items()]
     for name, entry in FORMATS.items():
         for suffix in SUFFIXES.get(name, (".txt",)):
             path = write_poses(POSES, folder / f"{name}{suffix}", PoseFileOptions(format=name))
             if entry.container == "index":
+                files.append((name, path.suffix, path.read_bytes()))
                 path = folder / f"{name}_poses"
             if path.is_dir():
                 path = min(path.iterdir())
@@ -137,7 +146,7 @@ def damaged(data: bytes, edits: list[tuple[str, float, int, str]]) -> bytes:
 
 
 @settings(
-    max_examples=2000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=2000, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     which=st.integers(0, 10**6),
@@ -177,6 +186,14 @@ def array(**header) -> bytes:
     return buffer.getvalue() + bytes(256)
 
 
+def header(text: str) -> bytes:
+    """A .npy file with another header."""
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+REST = "y: 0\nz: 0\nqx: 0\nqy: 0\nqz: 0\nqw: 1\n"
+
+
 @pytest.mark.parametrize(
     ("file", "content", "message"),
     [
@@ -203,6 +220,15 @@ def array(**header) -> bytes:
         ("p.npy", array(shape=(10**3, 4, 4)), "not an array of numbers"),
         ("p.npy", array(descr="|O"), "object of shape"),
         ("p.npy", array(descr="<c16"), "complex128 of shape"),
+        ("p.npy", array(shape=(0, 4, 4)), r"array.shape=\(0, 4, 4\), but must be"),
+        ("p.npy", array(shape=(1, 2000)) + bytes(16000), r"array.shape=\(1, 2000\), but must be"),
+        ("p.npy", header("-" * 5000 + "1"), "not an array of numbers"),  # RecursionError
+        ("p.npy", header("(" * 5000), "not an array of numbers"),  # TokenError
+        ("p.npy", header("-" * 9900 + "1"), "not an array of numbers"),  # MemoryError
+        ("p.npy", header(" " * 20_000), "not an array of numbers"),
+        ("p.yaml", f"x: 0x{'F' * 5000}\n{REST}", "not valid YAML .*a value of 5002 characters"),
+        ("p.yaml", f"x: 0x{'F' * 3900}\n{REST}", "column x: 'too large' is not a finite number"),
+        ("p.json", f'{{"x": {"9" * 5000}}}', "not valid JSON"),
         ("p.npy", array(shape=(4, 2, 4)), r"array.shape=\(4, 2, 4\), but must be"),
         ("p.npy", b"\x93NUMPY\x01\x00\xff\xff", "not an array of numbers"),
         ("p.txt", b"\xff\xfe1 2", "byte 0 is not UTF-8 text"),
