@@ -1,20 +1,20 @@
 """Exports of where each image was taken: nerfstudio's transforms.json and a trajectory of TUM."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array
 from handeye_fg.io.exports.placed import chosen_cameras
 from handeye_fg.io.fields import shown
+from handeye_fg.io.poses.writer import tum_text
 from handeye_fg.io.results import Result
 from handeye_fg.lens import lens_of
-from handeye_fg.types import CameraModel, folder_of
+from handeye_fg.types import CameraModel, RobotPoses, folder_of
 
 # OpenGL's camera looks along -z with y up, that of OpenCV along z with y down.
 _OPENCV_T_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -92,7 +92,7 @@ def nerfstudio(result: Result, options: ExportOptions) -> str:
 
 
 def tum(result: Result, options: ExportOptions) -> str:
-    """The camera's trajectory in the base: a line an image, with a number or its own time stamp.
+    """The camera's trajectory in the base: a line an image, with its own time stamp or a number.
 
     Raises:
         InputDataError: the camera stands still, or there are several.
@@ -108,29 +108,13 @@ def tum(result: Result, options: ExportOptions) -> str:
             f"a trajectory is of one camera, but there are several; choose one with the option camera ({names})"
         )
     poses = scene_poses(result, options.camera)
-    stamps = _stamps(list(poses))
+    rows = RobotPoses(names=tuple(poses), base_T_gripper=np.array(list(poses.values())))
+    text, stamps = tum_text(rows)
     lines = [
         "# Camera (z forward, x right, y down) in the base, metres: p_base = base_T_camera p_camera"
     ]
     lines += [f"# {stamp} {shown(name)}" for stamp, name in zip(stamps, poses, strict=True)]
-    lines.append("# timestamp tx ty tz qx qy qz qw")
-    for stamp, matrix in zip(stamps, poses.values(), strict=True):
-        numbers = (*matrix[:3, 3], *Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True))
-        lines.append(" ".join((stamp, *(repr(float(value)) for value in numbers))))
-    return "\n".join(lines) + "\n"
-
-
-def _stamps(names: Sequence[str]) -> list[str]:
-    """The images' time stamps where all names are numbers of seconds with a fraction, else their places."""
-    stems = [PurePosixPath(name).stem for name in names]
-    whole_and_fraction = [stem.split(".") for stem in stems]
-    stamped = all(
-        len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts)
-        for parts in whole_and_fraction
-    )
-    if stamped and len({float(stem) for stem in stems}) == len(stems):
-        return stems
-    return [str(i) for i in range(len(names))]
+    return "\n".join([*lines, text])
 
 
 def _intrinsics(camera: CameraModel) -> Mapping[str, object]:

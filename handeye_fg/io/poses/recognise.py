@@ -1,5 +1,6 @@
 """Which format a table of poses has; several that fit are refused, never guessed; entry ``columns_of``."""
 
+import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -195,7 +196,7 @@ def _require_plausible(columns: Columns, table: Table, options: PoseFileOptions)
     """Refuse units that are only the format's custom and do not suit the numbers."""
     convention = columns.convention
     positions, rotations = split(table, columns)
-    middle = float(np.median(np.linalg.norm(positions, axis=1)))
+    middle = float(np.median([math.hypot(*position) for position in positions]))  # never overflows
     known = options.units != "auto" or columns.stated[0]
     if convention.unit == "mm" and not known and middle < _NEAR:
         raise InputDataError(

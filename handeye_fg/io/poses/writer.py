@@ -94,6 +94,19 @@ def write_poses(
             return write_atomic(path, _text(entry, convention, poses.names, times, numbers))
 
 
+def tum_text(poses: RobotPoses) -> tuple[str, tuple[str, ...]]:
+    """A trajectory of TUM, and the time stamp of each row: that in the image's name, or its number.
+
+    Args:
+        poses: metres, by image name.
+    """
+    entry = FORMATS["tum"]
+    times = _times(poses.names, None)
+    numbers = _listed(entry, *from_poses(poses.base_T_gripper, entry.convention))
+    text = _text(entry, entry.convention, poses.names, times, numbers)
+    return text, tuple(map(_seconds, times))
+
+
 _STYLE: dict[str, Any] = {"default_flow_style": None, "sort_keys": False, "width": 1000}
 
 
@@ -133,13 +146,17 @@ def _text(
     elif entry.key == "time" and entry.columns[0].endswith("[ns]"):
         keys = [[str(time)] for time in times]
     elif entry.key == "time":
-        keys = [[f"{time // 10**9}.{time % 10**9:09d}"] for time in times]
+        keys = [[_seconds(time)] for time in times]
     rows = [[*key, *map(repr, row)] for key, row in zip(keys, numbers.tolist(), strict=True)]
     if entry.header == "none":
         return _lines(rows, entry.delimiter)
     columns = _headed(entry, convention)
     first = columns[0] if entry.header == "names" else f"# {columns[0]}"
     return _lines([[first, *columns[1:]], *rows], entry.delimiter)
+
+
+def _seconds(time_ns: int) -> str:
+    return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
 def _headed(entry: PoseFormat, convention: Convention) -> list[str]:

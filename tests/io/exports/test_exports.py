@@ -3,6 +3,7 @@
 import argparse
 import io
 import json
+import re
 import runpy
 import shlex
 import subprocess
@@ -87,12 +88,58 @@ def of_command(text: str) -> tuple[Array, str, str]:
     return of_arguments(words[1:])
 
 
-def of_launch(text: str) -> tuple[Array, str, str]:
-    (node,) = ET.fromstring(text).findall("node")
-    assert node.get("pkg") == "tf2_ros"
-    assert (node.get("exec") or node.get("type")) == "static_transform_publisher"
-    assert node.get("name")
-    return of_arguments(shlex.split(node.attrib["args"]))
+# What the loaders of ROS know of a node: wiki.ros.org/roslaunch/XML/node, and NodeAction of launch_ros. Both
+# substitute what stands in $(...), and refuse a node without the first of these, or with others.
+NODE_OF_ROS1 = (
+    "pkg",
+    "type",
+    "name",
+    "args",
+    "machine",
+    "respawn",
+    "respawn_delay",
+    "required",
+    "ns",
+)
+NODE_OF_ROS1 += ("clear_params", "output", "cwd", "launch-prefix", "if", "unless")
+NODE_OF_ROS2 = (
+    "pkg",
+    "exec",
+    "name",
+    "args",
+    "ros_args",
+    "namespace",
+    "exec_name",
+    "output",
+    "cwd",
+)
+NODE_OF_ROS2 += ("launch-prefix", "respawn", "respawn_delay", "if", "unless")
+
+
+def of_launch(text: str, known: tuple[str, ...], n_needed: int) -> tuple[Array, str, str]:
+    launch = ET.fromstring(text)
+    assert (launch.tag, launch.attrib) == ("launch", {})
+    assert text.startswith('<?xml version="1.0"?>\n<launch>')
+    (node,) = launch
+    assert node.tag == "node"
+    assert not len(node)
+    assert set(known[:n_needed]) <= set(node.attrib) <= set(known)
+    assert not any("$" in value for value in node.attrib.values())
+    assert re.fullmatch(
+        r"[A-Za-z]\w*", node.attrib["name"], re.ASCII
+    )  # of a graph resource, no namespace
+    assert (node.get("pkg"), node.get(known[1])) == ("tf2_ros", "static_transform_publisher")
+    # Python's and the shell's splitting of the arguments agree.
+    assert shlex.split(node.attrib["args"]) == node.attrib["args"].split()
+    return of_arguments(node.attrib["args"].split())
+
+
+def of_launch1(text: str) -> tuple[Array, str, str]:
+    return of_launch(text, NODE_OF_ROS1, 3)
+
+
+def of_launch2(text: str) -> tuple[Array, str, str]:
+    return of_launch(text, NODE_OF_ROS2, 2)
 
 
 def of_xacro(text: str) -> tuple[Array, str, str]:
@@ -154,9 +201,9 @@ def of_json(text: str) -> tuple[Array, str, str]:
 READERS: dict[str, Callable[[str], tuple[Array, str, str]]] = {
     "ros2": of_command,
     "ros1": of_command,
-    "ros2-launch": of_launch,
-    "ros1-launch": of_launch,
-    "moveit": of_launch,
+    "ros2-launch": of_launch2,
+    "ros1-launch": of_launch1,
+    "moveit": of_launch1,
     "urdf": of_urdf,
     "xacro": of_xacro,
     "easy-handeye": of_easy_handeye,
@@ -287,7 +334,7 @@ def test_a_trajectory_for_evo(tmp_path: Path) -> None:
     )
     assert trajectory.timestamps.tolist() == list(range(len(wanted)))
     lines = path.read_text().splitlines()
-    assert "# 3 'frame_0003.jpg'" in lines
+    assert "# 3.000000000 'frame_0003.jpg'" in lines
     assert "p_base = base_T_camera p_camera" in lines[0]
 
 

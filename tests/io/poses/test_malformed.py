@@ -281,6 +281,11 @@ CONTROLLER = "image,x,y,z,{}\nc.png,500,0,0,"
             {},
             "line 2: .* is no position",
         ),
+        (
+            f"{CONTROLLER.format('w,p,r')}9,0,0".replace("500", "1e300"),
+            {},
+            "line 2: .* is no position",
+        ),
         (f"{CONTROLLER.format('w,p,r')}9,0", {}, "line 2, column r: '' is not a finite number"),
         (
             "# timestamp tx ty tz qx qy qz qw\n1e999 0 0 0 0 0 0 1",
