@@ -9,6 +9,7 @@ import numpy as np
 from handeye_fg.errors import InputDataError
 from handeye_fg.export_options import ExportOptions
 from handeye_fg.frames import Array
+from handeye_fg.io.direction import direction
 from handeye_fg.io.exports.placed import chosen_cameras
 from handeye_fg.io.fields import shown
 from handeye_fg.io.poses.writer import tum_text
@@ -83,9 +84,10 @@ def nerfstudio(result: Result, options: ExportOptions) -> str:
         for name, matrix in poses.items()
     ]
     frame = "base" if result.setup == "eye-in-hand" else "gripper"
+    first, pose = next((name, matrix @ _OPENCV_T_OPENGL) for name, matrix in poses.items())
     comment = (
         f"transform_matrix is {frame}_T_camera in metres, camera axes of OpenGL (x right, y up, z backward): "
-        f"p_{frame} = transform_matrix p_camera."
+        f"p_{frame} = transform_matrix p_camera. Of {first}: {direction(pose, frame, ahead=-1.0)}"
     )
     content = {"comment": comment, **({} if several else shared), "frames": frames}
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -110,8 +112,10 @@ def tum(result: Result, options: ExportOptions) -> str:
     poses = scene_poses(result, options.camera)
     rows = RobotPoses(names=tuple(poses), base_T_gripper=np.array(list(poses.values())))
     text, stamps = tum_text(rows)
+    first, pose = next(iter(poses.items()))
     lines = [
-        "# Camera (z forward, x right, y down) in the base, metres: p_base = base_T_camera p_camera"
+        "# Camera (z forward, x right, y down) in the base, metres: p_base = base_T_camera p_camera",
+        f"# Of {shown(first)}: {direction(pose, 'base')}",
     ]
     lines += [f"# {stamp} {shown(name)}" for stamp, name in zip(stamps, poses, strict=True)]
     return "\n".join([*lines, text])

@@ -336,6 +336,12 @@ def test_a_trajectory_for_evo(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     assert "# 3.000000000 'frame_0003.jpg'" in lines
     assert "p_base = base_T_camera p_camera" in lines[0]
+    point = wanted["frame_0000.jpg"] @ [0.0, 0.0, 0.5, 1.0]  # type: ignore[operator]  # placed
+    numbers = ", ".join(f"{value:.6f}" for value in point[:3])
+    assert lines[1].startswith(
+        "# Of 'frame_0000.jpg': Put a point given in camera coordinates into"
+    )
+    assert lines[1].endswith(f"(0, 0, 0.5), is at ({numbers}) m in the base frame.")
 
 
 def test_time_stamps_in_names_are_kept(tmp_path: Path) -> None:
@@ -368,6 +374,9 @@ def test_nerfstudio() -> None:
                 base_T_opengl @ [x, -y, -z, 1.0], base_T_camera @ [x, y, z, 1.0], **EXACT
             )
     assert "p_base = transform_matrix p_camera" in content["comment"]
+    point = np.array(content["frames"][0]["transform_matrix"]) @ [0.0, 0.0, -0.5, 1.0]
+    numbers = ", ".join(f"{value:.6f}" for value in point[:3])
+    assert f"(0, 0, -0.5), is at ({numbers}) m in the base frame" in content["comment"]
 
 
 def test_eye_to_hand_has_its_scene_in_the_gripper() -> None:
