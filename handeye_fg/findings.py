@@ -134,12 +134,15 @@ class LevelCertainty:
         degrees_of_freedom: effective; infinite where the user gave the level.
         low, high: ends of its 95 % interval, as multiples of it.
         source: what decided it: the data, a weak prior where they say next to nothing, or the user.
+        found: where the user gave the level, that of the residuals, as a multiple of it, with the ends of its
+            95 % interval; else None.
     """
 
     degrees_of_freedom: float
     low: float
     high: float
     source: Literal["data", "prior", "user"]
+    found: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

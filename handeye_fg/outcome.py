@@ -10,6 +10,7 @@ import numpy as np
 
 from handeye_fg.errors import ConvergenceError
 from handeye_fg.findings import LinearStart
+from handeye_fg.frames import Array
 from handeye_fg.graph import Refinement, View, corner_fit, median_depth
 from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
@@ -88,6 +89,7 @@ def assemble(
         intrinsics_refined=first.refined,
         intrinsics_std=first.std,
         intrinsics_note=first.note,
+        intrinsics_correlation=_correlation(final, 0),
         other_intrinsics=first.other,
         focal_offset=first.focal_offset,
         sfm=SfmSummary(
@@ -104,6 +106,9 @@ def assemble(
         if len(model.cameras) > 1 or missing_cameras(inputs, model)
         else (),
         accuracy=_accuracy(final, options.task),
+        repeatability=None
+        if options.task.repeatability_mm is None
+        else 1e-3 * options.task.repeatability_mm,
         scene=refined_scene(
             final,
             model.names,
@@ -185,6 +190,7 @@ def _images(
             w_test=_known(final.w_test[pose]),
             influence_rotation=_known(np.linalg.norm(final.influence[pose, :3])),
             influence_translation=_known(np.linalg.norm(final.influence[pose, 3:])),
+            std_growth=_known(final.growth[pose]),
             reason=_LEFT_OUT if final.outliers[pose] else _HELD_OUT if held[pose] else "",
             gripper_T_camera=final.base_T_camera[i] if moving else None,
         )
@@ -230,6 +236,15 @@ def _known(value: float | np.floating[Any]) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def _correlation(final: Refinement, camera: int) -> Array | None:
+    """Of a camera's intrinsics (k) with its X: (k, 6); None where they are fixed."""
+    joint = final.x_and_intrinsics[camera]
+    stds = np.sqrt(np.diag(joint))
+    divisor = np.where(stds > 0.0, stds, 1.0)
+    found = (joint / np.outer(divisor, divisor))[6:, :6]
+    return np.clip(found, -1.0, 1.0) if found.any() else None
+
+
 def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
     """What is known of each camera."""
     final = view.refinement
@@ -245,6 +260,7 @@ def _cameras(model: SfmModel, view: View) -> tuple[CameraReport, ...]:
             intrinsics_refined=intrinsics.refined,
             intrinsics_std=intrinsics.std,
             intrinsics_note=intrinsics.note,
+            intrinsics_correlation=_correlation(final, k),
             pixel=final.noise.pixel
             * float(np.sqrt(np.mean(final.sigma_scale[taken_by == k] ** 2))),
             other_intrinsics=intrinsics.other,

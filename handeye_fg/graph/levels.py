@@ -170,5 +170,17 @@ def level_certainties(
             low=float(low),
             high=float(high),
             source="user" if known else "prior" if of_prior else "data",
+            found=_found(solution, int(k)) if known else None,
         )
     return result
+
+
+def _found(solution: Solution, group: int) -> tuple[float, float, float] | None:
+    """What the residuals say of a given level: a multiple of it with its 95 % interval; None: nothing."""
+    noise, freedom = solution.noise, solution.redundancy[group]
+    if freedom < 1.0:
+        return None
+    given = (noise.pixel, noise.robot_rotation, noise.robot_translation, noise.corner or 1.0)[group]
+    ratio = float(np.sqrt(solution.squares[group] / freedom)) / given
+    ends = np.sqrt(freedom / special.chdtri(freedom, [0.5 * _OUTSIDE, 1.0 - 0.5 * _OUTSIDE]))
+    return ratio, ratio * float(ends[0]), ratio * float(ends[1])

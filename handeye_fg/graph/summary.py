@@ -62,6 +62,8 @@ class Refinement:
             3 degrees of freedom for a right pose; NaN where the others do not determine it.
         influence: (r, 6) how far the first camera's X would move without the pose, with these noise
             levels, radians and metres; NaN where it is not used, or X not determined without it.
+        growth: (r,) by how much the standard deviation of the first camera's X in some direction would be larger
+            without the pose, at most, relatively; NaN likewise.
         reprojection_rms: (n,) pixels.
         path: the first camera's X (k, 4, 4) after each step of the optimiser, in all rounds.
         converged: whether the last round did.
@@ -92,6 +94,7 @@ class Refinement:
     outliers: NDArray[np.bool_]
     w_test: Array
     influence: Array
+    growth: Array
     reprojection_rms: Array
     path: Array
     converged: bool
@@ -259,6 +262,7 @@ def summarise(
         outliers=~trusted,
         w_test=without.lengths.max(axis=1),
         influence=without.x_step,
+        growth=without.growth,
         reprojection_rms=_image_rms(reprojection_errors(state, tracks), tracks, len(poses)),
         path=path,
         converged=converged,

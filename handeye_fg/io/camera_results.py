@@ -57,6 +57,10 @@ class Calibrated(Uncertain, Protocol):
         """What was done with them and why."""
 
     @property
+    def intrinsics_correlation(self) -> Array | None:
+        """Correlation of their parameters with X."""
+
+    @property
     def other_intrinsics(self) -> OtherIntrinsics | None:
         """X with the other choice, free or fixed."""
 
@@ -78,6 +82,7 @@ class CameraReport:
         intrinsics_refined: whether they were estimated.
         intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
         intrinsics_note: what was done with the intrinsics and why, in words.
+        intrinsics_correlation: as in ``Result``.
         pixel: standard deviation of an observation in its images, pixels; the noise of the result has
             that of all cameras together.
         other_intrinsics, focal_offset: as in ``Result``.
@@ -99,6 +104,7 @@ class CameraReport:
     focal_offset: FocalOffset | None
     first_T_camera: Array
     first_T_camera_covariance: Array
+    intrinsics_correlation: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("matrix", "first_T_camera"):
@@ -106,6 +112,8 @@ class CameraReport:
         for name in ("covariance", "first_T_camera_covariance"):
             set_array(self, name, (6, 6))
         set_array(self, "intrinsics_std", self.camera.params.shape)
+        if self.intrinsics_correlation is not None:
+            set_array(self, "intrinsics_correlation", (len(self.camera.params), 6))
         check_finite(self, "pixel")
 
 
@@ -210,6 +218,7 @@ def intrinsics_document(result: Calibrated) -> Document | None:
         "refined": bool(result.intrinsics_refined),
         "std": nested(result.intrinsics_std),
         "note": result.intrinsics_note,
+        "correlation": nested(result.intrinsics_correlation),
         "other": other_document(
             other,
             _degrees(covariance, _free(result, "rotation")),

@@ -13,6 +13,7 @@ from handeye_fg.io.fields import Fields, finite
 
 Document = dict[str, object]
 Source = Literal["data", "prior", "user"]
+Multiples = tuple[float, float, float]
 
 # Name in NoiseLevels, name in the file, and units of the file in one of ours.
 _LEVELS = {
@@ -64,6 +65,9 @@ def certainty_document(report: CertaintyReport, noise: NoiseLevels) -> Document:
                     _LEVELS[name][1] * getattr(noise, name) * end for end in (level.low, level.high)
                 ],
                 "source": level.source,
+                "found": None
+                if level.found is None
+                else [_LEVELS[name][1] * getattr(noise, name) * part for part in level.found],
             }
             for name, level in report.levels.items()
         },
@@ -127,11 +131,13 @@ def _numbers(fields: Fields, key: str, count: int, missing: float) -> Array:
 def _level(fields: Fields, sigma: float) -> LevelCertainty:
     low, high = fields.array("interval", (2,)) / sigma
     freedom = fields.optional_number("degrees_of_freedom")
+    found = fields.optional_array("found", (3,))
     return LevelCertainty(
         degrees_of_freedom=math.inf if freedom is None else freedom,
         low=float(low),
         high=float(high),
         source=cast("Source", fields.text("source", get_args(Source))),
+        found=None if found is None else cast("Multiples", tuple((found / sigma).tolist())),
     )
 
 

@@ -15,6 +15,7 @@ _FIGURES_OF_IMAGES = (
     "w_test",
     "influence_rotation",
     "influence_translation",
+    "std_growth",
 )
 
 
@@ -37,6 +38,8 @@ class ImageReport:
             less than 1.5, one in a thousand more than 4. None where the others do not determine it.
         influence_rotation, influence_translation: how far X would move without this robot pose,
             radians and metres; None where it is not used, or X is not determined without it.
+        std_growth: by how much the standard deviation of X in some direction would be larger without this robot
+            pose, at most, relatively: what the pose says; None likewise.
         reason: why it is unregistered, left out or an outlier; "" otherwise.
         gripper_T_camera: for eye-to-hand, where the object moves with the gripper, the camera's refined
             pose in it (4, 4), metres; None for eye-in-hand, where it is X in every image.
@@ -52,6 +55,7 @@ class ImageReport:
     w_test: float | None = None
     influence_rotation: float | None = None
     influence_translation: float | None = None
+    std_growth: float | None = None
     reason: str = ""
     gripper_T_camera: Array | None = None
 
@@ -77,6 +81,7 @@ def image_document(image: ImageReport) -> Document:
         "w_test": _number(image.w_test),
         "influence_rotation_deg": _degrees(image.influence_rotation),
         "influence_translation_mm": _millimetres(image.influence_translation),
+        "std_growth": _number(image.std_growth),
         "reason": image.reason,
         **(
             {}
@@ -103,6 +108,7 @@ def read_image(fields: Fields) -> ImageReport:
         w_test=fields.optional_number("w_test"),
         influence_rotation=_radians(fields, "influence_rotation_deg"),
         influence_translation=_metres(fields, "influence_translation_mm"),
+        std_growth=fields.optional_number("std_growth"),
         reason=fields.text("reason"),
         gripper_T_camera=fields.array("gripper_T_camera", (4, 4))
         if "gripper_T_camera" in fields.values

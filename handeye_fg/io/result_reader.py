@@ -137,6 +137,9 @@ def from_document(document: object, where: str = "result document") -> Result:
             poses_read_as=read_read_as(fields.mapping("poses_read_as"))
             if "poses_read_as" in fields.values
             else {},
+            repeatability=1e-3 * fields.mapping("data_sheet").number("repeatability_mm")
+            if "data_sheet" in fields.values
+            else None,
             observability=_figures(fields.mapping("observability")),
             timing_s=_figures(fields.mapping("timing_s")),
             provenance=_provenance(fields.mapping("provenance")),
@@ -191,6 +194,7 @@ def _intrinsics(fields: Fields | None) -> dict[str, Any]:
         "intrinsics_refined": fields.flag("refined"),
         "intrinsics_std": fields.array("std", camera.params.shape),
         "intrinsics_note": fields.text("note"),
+        "intrinsics_correlation": fields.optional_array("correlation", (len(camera.params), 6)),
         "other_intrinsics": read_other(fields.optional_mapping("other")),
         "focal_offset": read_offset(fields.optional_mapping("focal_offset")),
     }

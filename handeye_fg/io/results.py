@@ -120,6 +120,8 @@ class Result:
         intrinsics_refined: whether they were estimated.
         intrinsics_std: standard deviations (k,) of ``camera.params``; zeros where fixed.
         intrinsics_note: what was done with the intrinsics and why, in words.
+        intrinsics_correlation: of ``camera.params`` (k) with the components of X, in the order of the covariance:
+            (k, 6); zeros for what is fixed, None where all are.
         other_intrinsics: X with the other choice, free or fixed; None where no intrinsics were given.
         focal_offset: how focal length and the camera's position along its axis are tied; None where
             there were no images, or the motion does not determine the position.
@@ -135,6 +137,7 @@ class Result:
             directions, or no covariance.
         poses_read_as: how the files of poses were read, of the "robot" and the "camera"; without those that
             came as arrays.
+        repeatability: position repeatability by the arm's data sheet, metres; None where nobody said it.
         scene: points, observations and small images, for pictures; in a file of its own, ``scene.npz``.
     """
 
@@ -157,6 +160,7 @@ class Result:
     intrinsics_refined: bool = False
     intrinsics_std: Array | None = None
     intrinsics_note: str = ""
+    intrinsics_correlation: Array | None = None
     other_intrinsics: OtherIntrinsics | None = None
     focal_offset: FocalOffset | None = None
     sfm: SfmSummary | None = None
@@ -167,6 +171,7 @@ class Result:
     cameras: tuple[CameraReport, ...] = ()
     accuracy: Accuracy | None = None
     poses_read_as: Mapping[str, ReadAs] = field(default_factory=dict)
+    repeatability: float | None = None
     scene: RefinedScene | None = None
 
     def __post_init__(self) -> None:
@@ -179,6 +184,8 @@ class Result:
             raise ValueError("camera and intrinsics_std must be given together")
         if self.camera is not None:
             set_array(self, "intrinsics_std", self.camera.params.shape)
+            if self.intrinsics_correlation is not None:
+                set_array(self, "intrinsics_correlation", (len(self.camera.params), 6))
         check_finite(self, "metres_per_world_unit")
         if self.noise is not None:
             of_images = () if self.sfm is None else ("pixel",)
@@ -247,6 +254,13 @@ def result_schema() -> Document:
     return cast("Document", json.loads(text))
 
 
+def _data_sheet(result: Result) -> Document:
+    """What the user said of the arm."""
+    if result.repeatability is None:
+        return {}
+    return {"data_sheet": {"repeatability_mm": 1e3 * result.repeatability}}
+
+
 def to_document(result: Result) -> Document:
     """The content of ``result.json``: dicts, lists, strings, finite numbers, booleans and None."""
     parent = parent_frame(result.setup)
@@ -272,6 +286,7 @@ def to_document(result: Result) -> Document:
         **_second_start_document(result.second_start),
         **({} if result.holdout is None else {"holdout": holdout_document(result.holdout)}),
         **_certainty(result),
+        **_data_sheet(result),
         **({} if result.accuracy is None else {"accuracy": accuracy_document(result.accuracy)}),
         **_read_as(result.poses_read_as),
         "observability": {name: _finite(value) for name, value in result.observability.items()},

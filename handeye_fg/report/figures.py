@@ -132,26 +132,27 @@ def _reprojection(images: Sequence[ImageReport]) -> Drawing | None:
 
 
 def _influence(result: Result) -> Drawing | None:
-    """Of the most influential poses, the largest first."""
+    """What X rests on: the most influential poses, the largest first."""
     shown = [image for image in result.images if image.influence_translation is not None]
     if not shown:
         return None
     shown = sorted(shown, key=lambda image: image.influence_translation or 0.0, reverse=True)
+    names = shown[:MOST_NAMES]
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    names = shown[:MOST_NAMES]
     millimetres = [1000.0 * (image.influence_translation or 0.0) for image in names]
-    degrees = [np.degrees(image.influence_rotation or 0.0) for image in names]
-    bars(upper, names, millimetres, "position, mm")
-    bars(lower, names, degrees, "orientation, deg")
+    bars(upper, names, millimetres, "X moves, mm")
+    bars(lower, names, [100.0 * (image.std_growth or 0.0) for image in names], "std grows, %")
     name_axis(lower, names)
+    richest = max(shown, key=lambda image: image.std_growth or 0.0)
     return Drawing(
         figure=figure,
         name="influence",
-        title="Influence of each robot pose on X",
-        caption="How far X would move without the pose, the most influential first. Largest: "
-        f"{wording.number(millimetres[0])} mm at {wording.printable(names[0].name)}. Where one pose "
-        "moves X by far more than the others do, X rests on it: take more images like it.",
+        title="Which poses carry the result",
+        caption="Without a pose: how far X would move, the most influential first, and by how much the standard deviation "
+        f"of X would grow in the direction that loses most. Largest: {wording.number(millimetres[0])} mm at "
+        f"{wording.printable(names[0].name)}, {wording.number(100.0 * (richest.std_growth or 0.0), 0)} % at "
+        f"{wording.printable(richest.name)}. Where one pose is far above the others, X rests on it: take more images like it.",
     )
 
 

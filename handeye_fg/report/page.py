@@ -109,6 +109,7 @@ def _content(result: Result) -> dict[str, object]:
         "at_work": tables.at_work(result),
         "accuracy": tables.accuracy(result),
         "holdout": tables.holdout(result),
+        "data_sheet": judgement.data_sheet(result),
         "noise": tables.noise(result),
         "intrinsics": tables.intrinsics(result),
         "cameras": [tables.camera(camera) for camera in result.cameras],

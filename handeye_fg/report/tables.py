@@ -182,11 +182,23 @@ def _level(level: LevelCertainty | None, sigma: float) -> tuple[str, str]:
     if level is None:
         return "", ""
     if level.source == "user":
-        return "", "given"
+        return "", f"given{_held_against(level, sigma)}"
     ends = f"{wording.significant(level.low * sigma)} to {wording.significant(level.high * sigma)}"
     if level.source == "prior":
         return ends, "the data say next to nothing: a prior for usual arms decided"
     return ends, f"{level.degrees_of_freedom:.0f} degrees of freedom"
+
+
+def _held_against(level: LevelCertainty, sigma: float) -> str:
+    """What the residuals say of a given level."""
+    if level.found is None:
+        return ""
+    value, low, high = (wording.significant(part * sigma, 2) for part in level.found)
+    agrees = level.found[1] <= 1.0 <= level.found[2]
+    judged = (
+        "which agrees" if agrees else "which is less" if level.found[2] < 1.0 else "which is more"
+    )
+    return f"; the residuals say {value} ({low} to {high}), {judged}"
 
 
 def intrinsics(result: Result) -> Table | None:
@@ -294,6 +306,7 @@ def _image_row(image: ImageReport, *, held_out: bool) -> Table:
         "w_test": wording.number(image.w_test, 1),
         "influence_rotation": _in_degrees(image.influence_rotation),
         "influence_translation": _in_millimetres(image.influence_translation),
+        "growth": wording.number(None if image.std_growth is None else 100.0 * image.std_growth, 1),
         "reason": image.reason,
     }
 

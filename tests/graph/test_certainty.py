@@ -118,3 +118,16 @@ def test_the_prior_decides_where_poses_are_exact(refined):
     )
     levels = refined(scene).level_certainties
     assert levels["robot_rotation"].source == levels["robot_translation"].source == "prior"
+
+
+def test_a_given_level_is_held_against_the_residuals(refined):
+    """Half of the true level is found to be too small by a factor of two, a right one to be right."""
+    scene = simulate_scene(np.random.default_rng(3), n_images=20, n_points=60)
+    true_mm = 1e3 * scene.noise.robot_translation
+    for given_mm, factor in ((0.5 * true_mm, 2.0), (true_mm, 1.0)):
+        levels = refined(scene, noise=NoiseOptions(robot_translation_mm=given_mm)).level_certainties
+        value, low, high = levels["robot_translation"].found
+        assert low < factor < high
+        assert high - low < factor
+        assert low < value < high
+        assert levels["robot_rotation"].found is None

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import eigvalsh
 
 from handeye_fg import frames
 from handeye_fg.graph import start_state
@@ -118,6 +119,12 @@ def test_a_deletion_is_the_solution_without_the_pose():
         np.testing.assert_allclose(
             found.x_step[i], without.step[columns] - solution.step[columns], rtol=1e-6, atol=1e-12
         )
+        # In units of X's own uncertainty, the growth is that of the longest axis.
+        ratios = eigvalsh(
+            without.covariance[np.ix_(columns, columns)],
+            solution.covariance[np.ix_(columns, columns)],
+        )
+        np.testing.assert_allclose(found.growth[i], np.sqrt(ratios[-1]) - 1.0, rtol=1e-5)
         alone = deletions(less, without, rest)
         np.testing.assert_allclose(found.lengths[i], alone.lengths[i], rtol=1e-6)
         assert np.isnan(alone.x_step[i]).all()

@@ -51,6 +51,7 @@ def make_result(**changes: Any) -> Result:
                 reprojection_rms=0.4,
                 outlier=True,
                 w_test=58.2,
+                std_growth=0.25,
                 reason="31 mm from where the images put it",
             ),
             ImageReport(name="frame_\udcff\u2603.png", registered=False, reason="no matches"),
@@ -61,6 +62,9 @@ def make_result(**changes: Any) -> Result:
         "intrinsics_refined": True,
         "intrinsics_std": np.array([0.1, 0.2, 0.3, 0.0]),
         "intrinsics_note": "Refined near the file's values.",
+        "intrinsics_correlation": np.vstack(
+            [np.linspace(-0.9, 0.9, 18).reshape(3, 6), np.zeros(6)]
+        ),
         "other_intrinsics": OtherIntrinsics(
             kind="fixed",
             gripper_T_camera=np.eye(4),

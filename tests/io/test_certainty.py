@@ -23,7 +23,7 @@ def report(**changes: Any) -> CertaintyReport:
         "levels": {
             "pixel": LevelCertainty(degrees_of_freedom=900.0, low=0.95, high=1.05, source="data"),
             "robot_rotation": LevelCertainty(
-                degrees_of_freedom=math.inf, low=1.0, high=1.0, source="user"
+                degrees_of_freedom=math.inf, low=1.0, high=1.0, source="user", found=(1.8, 1.5, 2.2)
             ),
         },
         "robot": RobotErrors(
@@ -56,6 +56,10 @@ def test_there_and_back(changed: Callable[..., Result]) -> None:
     assert again.certainty is not None
     np.testing.assert_allclose(again.certainty.half_widths, report().half_widths)
     assert again.certainty.levels["robot_rotation"].source == "user"
+    held = found["noise"]["robot_rotation_deg"]["found"]
+    assert held[0] == pytest.approx(1.8 * np.rad2deg(result.noise.robot_rotation))
+    assert again.certainty.levels["robot_rotation"].found == pytest.approx((1.8, 1.5, 2.2))
+    assert again.certainty.levels["pixel"].found is None
     assert again.certainty.robot.hidden_rotation == pytest.approx(5e-4)
     assert again.certainty.robot.reason == report().robot.reason
 

@@ -208,6 +208,14 @@ def test_round_trip_and_schema(tmp_path: Path, result: Result) -> None:
     VALIDATOR.validate(json.loads(path.read_text()))
 
 
+def test_what_the_data_sheet_says_is_kept(changed: Callable[..., Result]) -> None:
+    document = to_document(changed(repeatability=3e-5))
+    VALIDATOR.validate(document)
+    assert document["data_sheet"] == {"repeatability_mm": pytest.approx(0.03)}
+    assert from_document(document).repeatability == pytest.approx(3e-5)
+    assert "data_sheet" not in to_document(changed())
+
+
 def test_the_schema_is_strict(result: Result, partial: Result) -> None:
     jsonschema.Draft202012Validator.check_schema(result_schema())
 

@@ -50,6 +50,7 @@ def make_result(**changes: Any) -> Result:
                 w_test=62.0 if rejected else 3.0 * rng.random(),
                 influence_rotation=None if rejected else 1e-4 * rng.random(),
                 influence_translation=None if rejected else 1e-4 * (1.0 + i % 7),
+                std_growth=None if rejected else 0.02 * (1.0 + i % 5),
                 reason="its reported pose is 31 mm from where the images put it"
                 if rejected
                 else "",
@@ -95,6 +96,7 @@ def make_result(**changes: Any) -> Result:
         "intrinsics_refined": True,
         "intrinsics_std": np.array([0.6, 0.6, 0.4, 0.4, 5e-4, 1e-3, 6e-5, 0.0]),
         "intrinsics_note": "Refined near the values of the file, which the images contradict.",
+        "intrinsics_correlation": np.array([[0.1, 0.0, 0.0, 0.2, 0.1, -0.91], *[[0.0] * 6] * 7]),
         "other_intrinsics": OtherIntrinsics(
             kind="fixed",
             gripper_T_camera=np.eye(4),
@@ -124,7 +126,11 @@ def make_result(**changes: Any) -> Result:
                     degrees_of_freedom=0.7, low=0.4, high=7.0, source="prior"
                 ),
                 "robot_translation": LevelCertainty(
-                    degrees_of_freedom=np.inf, low=1.0, high=1.0, source="user"
+                    degrees_of_freedom=np.inf,
+                    low=1.0,
+                    high=1.0,
+                    source="user",
+                    found=(1.8, 1.5, 2.2),
                 ),
             },
             robot=RobotErrors(

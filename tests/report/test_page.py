@@ -95,7 +95,7 @@ def test_page_is_one_well_formed_file(result: Result, tmp_path: Path) -> None:
 
 def test_the_most_influential_pose_comes_first(result: Result) -> None:
     drawings = re.findall(r"<svg.*?</svg>", without_scripts(render(result)), flags=re.DOTALL)
-    drawing = next(one for one in drawings if "Influence of each" in one)
+    drawing = next(one for one in drawings if "Which poses carry" in one)
     names = re.findall(r"frame_\d{4}\.jpg", drawing)
     largest = max(result.images, key=lambda image: image.influence_translation or 0.0).name
     assert names[0] == largest
@@ -259,6 +259,29 @@ def test_camera_parameters_have_names(result: Result) -> None:
         "6e-05",
         "fixed",
     ]
+
+
+def test_what_is_tied_is_told_in_words(result: Result) -> None:
+    """High correlations of X with itself and with the intrinsics; nothing of low ones."""
+    text = render(result)
+    assert "The camera&#39;s fx and the position along z (correlation -0.91)." in text
+    assert "The camera&#39;s fy" not in text
+    stds = np.sqrt(np.diag(result.covariance))
+    covariance = result.covariance.copy()
+    covariance[0, 4] = covariance[4, 0] = -0.93 * stds[0] * stds[4]
+    text = render(replace(result, covariance=covariance))
+    assert "The rotation about x and the position along y (correlation -0.93)." in text
+    loose = replace(result, covariance=np.diag(stds**2), intrinsics_correlation=None)
+    assert "all correlations of the components of X" in render(loose)
+
+
+def test_the_noise_is_held_against_what_was_said(result: Result) -> None:
+    text = render(result)
+    assert "given; the residuals say 0.54 (0.45 to 0.66), which is more" in text
+    assert "data sheet" not in text
+    text = render(replace(result, repeatability=1e-4))
+    assert "states a repeatability of 0.1 mm, which is 0.028 mm per axis" in text
+    assert "off by 11 times as much" in text
 
 
 def test_unlisted_camera_model_has_numbered_parameters(result: Result) -> None:
