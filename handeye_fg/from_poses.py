@@ -157,6 +157,9 @@ def solve(
         noise=answer.noise,
         initial=answer.start,
         accuracy=_accuracy(answer, task or TaskOptions()),
+        repeatability=None
+        if task is None or task.repeatability_mm is None
+        else 1e-3 * task.repeatability_mm,
         images=row_reports(pairs, answer, setup),
         observability={
             "weakest_std_over_limit": observability.weakest_std,

@@ -16,6 +16,7 @@ from handeye_fg.report.filling import asset, fill
 from handeye_fg.report.view import view
 
 REPORT_NAME = "report.html"
+_LONGEST = 40  # letters of a version or a digest; result.json has all
 _COPIED = {
     "ros2": "ROS 2 command",
     "ros1": "ROS 1 command",
@@ -101,7 +102,7 @@ def _content(result: Result) -> dict[str, object]:
         ],
         "matrix": [wording.numbers(row, 7) for row in matrix],
         "translation": wording.numbers(matrix[:3, 3], 6),
-        "quaternion": wording.numbers(quaternion_xyzw(matrix[:3, :3]), 7),
+        "quaternion": wording.numbers(quaternion_xyzw(matrix[:3, :3]), 6),
         "copies": _copies(result),
         "uncertainty": tables.uncertainty(result),
         "convention": wording.COVARIANCE_CONVENTION,
@@ -127,7 +128,10 @@ def _content(result: Result) -> dict[str, object]:
         "base_T_world": tables.rows(result.base_T_world, ".7f"),
         "observability": tables.pairs(result.observability),
         "timing": tables.pairs(result.timing_s, 1),
-        "provenance": [(key, str(value)) for key, value in sorted(result.provenance.items())],
+        "provenance": [
+            (key, wording.shortened(str(value), _LONGEST))
+            for key, value in sorted(result.provenance.items())
+        ],
     }
 
 
