@@ -16,7 +16,7 @@ from handeye_fg.report.filling import asset, fill
 from handeye_fg.report.view import view
 
 REPORT_NAME = "report.html"
-_LONGEST = 40  # letters of a version or a digest; result.json has all
+_LONGEST = 24  # letters of a version or a digest; result.json has all
 _COPIED = {
     "ros2": "ROS 2 command",
     "ros1": "ROS 1 command",
