@@ -59,8 +59,15 @@ def image_plane(result: Result) -> Drawing | None:
         title="Reprojection errors over the image",
         caption=f"Mean error (predicted minus observed) in each part of the image; the longest arrow is "
         f"{wording.number(longest)} px, a single observation has {wording.significant(float(np.median(scene.sigmas)))} px. "
-        "Arrows that form a pattern are distortion that the camera model does not describe. Grey: the observations.",
+        f"Arrows that form a pattern are distortion that the camera model does not describe. Grey: {_some(scene)}.",
     )
+
+
+def _some(scene: RefinedScene) -> str:
+    """Which observations are shown."""
+    if scene.n_observations <= len(scene.pixels):
+        return "the observations"
+    return f"{len(scene.pixels)} of {scene.n_observations} observations"
 
 
 def histograms(result: Result) -> Drawing | None:

@@ -208,4 +208,8 @@ def _caption(result: Result, magnified: float) -> str:
     scene = result.scene
     if scene is not None and scene.n_points > len(scene.points):
         parts.append(f"{len(scene.points)} of {scene.n_points} points are shown.")
+    if scene is not None and 0 < len(scene.thumbnails) < len(scene.names):
+        parts.append(
+            f"There are small pictures of {len(scene.thumbnails)} of {len(scene.names)} images."
+        )
     return " ".join(parts)
