@@ -101,11 +101,11 @@ class Inputs:
 
     def as_read(self, setup: Setup) -> RobotPoses:
         """The poses base_T_gripper, whatever the setup."""
-        return _in_equations(self.poses, setup)
+        return in_equations(self.poses, setup)
 
     def with_poses(self, base_T_gripper: RobotPoses, setup: Setup) -> "Inputs":
         """The same with other poses base_T_gripper."""
-        return replace(self, poses=_in_equations(base_T_gripper, setup))
+        return replace(self, poses=in_equations(base_T_gripper, setup))
 
     def arm(self, model: SfmModel) -> tuple[Rig, Array]:
         """Which camera took an image of the model, and where; the robot poses (r, 4, 4) in that order.
@@ -157,7 +157,7 @@ def read_inputs(
     """
     listed = list_cameras(images)
     given = read_robot_poses(poses, options, listed)
-    robot = _in_equations(given.poses, options.setup)
+    robot = in_equations(given.poses, options.setup)
     pattern = read_target(Path(target)) if isinstance(target, str | Path) else target
     pairing = pair_names(listed, robot.names)
     names = pairing.paired
@@ -277,7 +277,7 @@ def read_model_inputs(
                 f"model like {model.names[0]}; give the images that the model was made from"
             )
     given = read_robot_poses(poses, options, names)
-    robot = _in_equations(given.poses, options.setup)
+    robot = in_equations(given.poses, options.setup)
     pairing = pair_names(names, robot.names)
     if len(pairing.paired) < _FEWEST_IMAGES:
         raise InputDataError(
@@ -330,8 +330,8 @@ def read_robot_poses(
     return given
 
 
-def _in_equations(poses: RobotPoses, setup: Setup) -> RobotPoses:
-    """For eye-to-hand the inverses, which are their own inverses again."""
+def in_equations(poses: RobotPoses, setup: Setup) -> RobotPoses:
+    """The poses as the equations have them: for eye-to-hand the inverses, which are their own inverses again."""
     if setup == "eye-in-hand":
         return poses
     return RobotPoses(names=poses.names, base_T_gripper=frames.inverse(poses.base_T_gripper))

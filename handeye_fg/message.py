@@ -154,8 +154,9 @@ def _proof(found: HoldoutReport) -> str:
         if found.probability >= _FALSE_ALARM
         else "more than the uncertainty explains: it is too small, or these poses are wrong"
     )
+    what = "new images" if found.new_images else "images that were kept out of it"
     return (
-        f"X predicts the robot poses of {len(found.images)} images that were kept out of it to "
+        f"X predicts the robot poses of {len(found.images)} {what} to "
         f"{np.rad2deg(found.rotation):.2g} deg and {1e3 * found.translation:.2g} mm{seen}; "
         f"{np.rad2deg(found.expected_rotation):.2g} deg, {1e3 * found.expected_translation:.2g} mm{expected} are to be "
         f"expected: {verdict} (p = {found.probability:.2g})."

@@ -16,12 +16,13 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.io.camera_results import CameraReport, std_rotation_deg, std_translation_mm
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.config import options_digest
-from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
+from handeye_fg.io.holdout import HoldoutReport
 from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result, SfmSummary, TargetSummary
 from handeye_fg.message import message, missing_cameras
 from handeye_fg.options import Options, TaskOptions
 from handeye_fg.point_errors import Accuracy, accuracy
+from handeye_fg.proof import report_of
 from handeye_fg.refined_scene import refined_scene
 from handeye_fg.scene import Scene
 from handeye_fg.types import Setup, SfmModel, folder_of
@@ -59,6 +60,7 @@ def assemble(
     view: View,
     options: Options,
     timing_s: Mapping[str, float],
+    proof: HoldoutReport | None = None,
 ) -> Result:
     """Put the result together.
 
@@ -69,9 +71,12 @@ def assemble(
         view: the refinement and its intrinsics.
         options: as used.
         timing_s: seconds by stage.
+        proof: how X predicts new images; None: how it predicts poses that were kept out of it, if any were.
     """
     final, model, first = view.refinement, scene.model, view.intrinsics[0]
-    proof = _holdout(model, final)
+    if proof is None and final.held_out is not None:
+        poses = final.state.rig.pose.tolist()
+        proof = report_of(final.held_out, zip(poses, model.names, strict=True))
     result = Result(
         status="partial" if any(one.free_directions for one in final.observabilities) else "ok",
         setup=options.setup,
@@ -199,36 +204,6 @@ def _images(
     without = (*model.unregistered, *inputs.unusable, *inputs.left_out)
     reports += [ImageReport(name=name, registered=False, reason=reason) for name, reason in without]
     return tuple(sorted(reports, key=lambda report: report.name))
-
-
-def _holdout(model: SfmModel, final: Refinement) -> HoldoutReport | None:
-    """How X predicts the robot poses that were kept out of it."""
-    found = final.held_out
-    if found is None:
-        return None
-    lengths = np.linalg.norm(found.errors.reshape(-1, 2, 3), axis=2)
-    place = {pose: k for k, pose in enumerate(found.poses.tolist())}
-    rotation, translation = np.sqrt(np.mean(lengths**2, axis=0)).tolist()
-    return HoldoutReport(
-        images=tuple(
-            HeldOutImage(
-                name=name,
-                rotation=float(lengths[place[pose], 0]),
-                translation=float(lengths[place[pose], 1]),
-                reprojection_rms=_known(found.reprojection_rms[pose]),
-                expected_reprojection=_known(found.expected_reprojection[pose]),
-            )
-            for name, pose in zip(model.names, final.state.rig.pose.tolist(), strict=True)
-            if pose in place
-        ),
-        rotation=rotation,
-        translation=translation,
-        expected_rotation=float(found.expected[0]),
-        expected_translation=float(found.expected[1]),
-        normalised=found.normalised,
-        probability=found.probability,
-        within=_known(found.within),
-    )
 
 
 def _known(value: float | np.floating[Any]) -> float | None:

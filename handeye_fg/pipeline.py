@@ -1,20 +1,27 @@
 """The main flow: from images and robot poses to X with its uncertainty, in numbered steps."""
 
 import tempfile
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
-from handeye_fg.graph import refine_views
+from handeye_fg.frames import Array
+from handeye_fg.graph import View, refine_views
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, TargetSource, read_inputs
 from handeye_fg.io.files import sole_use
+from handeye_fg.io.holdout import HoldoutReport
 from handeye_fg.io.image_arrays import ImageArrays, as_folder
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import in_world_units, require_known_unit
 from handeye_fg.options import Options
 from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
+from handeye_fg.proof import of_new_images, read_new
 from handeye_fg.scene import Scene, find_scene
 from handeye_fg.solvers.rig import rig_start
+
+Prove = Callable[[Scene, View, Array, Options, Progress], HoldoutReport]
 
 
 def calibrate(
@@ -25,6 +32,7 @@ def calibrate(
     options: Options | None = None,
     *,
     target: TargetSource = None,
+    holdout: tuple[str | Path | ImageArrays, PosesSource] | None = None,
     output: str | Path | None = None,
     progress: Progress = silent,
 ) -> Result:
@@ -39,6 +47,8 @@ def calibrate(
         masks: folder of masks ``NAME.png``, white = use; or {image name: array}, boolean or uint8.
         options: None: defaults.
         target: target file, or a known target that images show; None: no target.
+        holdout: images and poses that have no part in the calibration; ``result.holdout`` is how X predicts
+            them. None: there are none.
         output: folder in which ``sfm/`` and ``stages/`` are kept for the next run, which continues where
             this one ended if it was interrupted; None: nothing is kept.
         progress: told of every stage.
@@ -75,6 +85,10 @@ def calibrate(
         folder = files.enter_context(as_folder(images))
         masked = None if masks is None else files.enter_context(as_folder(masks, ".png"))
         inputs = read_inputs(folder, poses, camera, masked, options, progress, target)
+        new = None
+        if holdout is not None:
+            new_folder = files.enter_context(as_folder(holdout[0]))
+            new = read_new(new_folder, holdout[1], inputs, options, progress)
         clock.lap("input")
         # 2. Structure from motion: camera poses and points up to a similarity. With a target: in metres.
         #    Whether the robot's poses are as they are said to be shows here.
@@ -82,13 +96,19 @@ def calibrate(
         files.enter_context(sole_use(kept))
         scene, inputs = find_scene(inputs, kept / "sfm", options, progress)
         clock.lap("sfm")
-        return solve_scene(scene, inputs, options, clock, progress)
+        prove = None if new is None else partial(of_new_images, new, kept / "sfm")
+        return solve_scene(scene, inputs, options, clock, progress, prove)
 
 
 def solve_scene(
-    scene: Scene, inputs: Inputs, options: Options, clock: Stopwatch, progress: Progress
+    scene: Scene,
+    inputs: Inputs,
+    options: Options,
+    clock: Stopwatch,
+    progress: Progress,
+    prove: Prove | None = None,
 ) -> Result:
-    """The steps from a reconstruction on."""
+    """The steps from a reconstruction on; ``prove``: holds X against what it has not seen."""
     model, known = scene.model, scene.known
     rig, reported = inputs.arm(model)
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
@@ -101,5 +121,6 @@ def solve_scene(
     view = refine_views(model, reported, given, linear, options, parent, progress, known, rig)
     require_agreement(view.refinement)
     clock.lap("refinement")
+    proof = None if prove is None else prove(scene, view, reported, options, progress)
     # 5. X, its covariance, and what is to be known of every image.
-    return assemble(scene, inputs, linear, view, options, clock.timing_s)
+    return assemble(scene, inputs, linear, view, options, clock.timing_s, proof)

@@ -51,6 +51,11 @@ class Calibrate:
     """A reconstruction that exists already, instead of one from the images: folder of a COLMAP model, or of a
     transforms.json of nerfstudio, or a file with the camera's trajectory (such as TUM), for which --pair-by holds
     as well. Where it has no points, X comes from its camera poses alone."""
+    holdout_images: Path | None = None
+    """Folder of new images of the scene that have no part in the calibration, to be predicted by robot and X:
+    a proof of X. Needs --holdout-poses."""
+    holdout_poses: Path | None = None
+    """Robot poses of these, in the format of POSES."""
     config: Path | None = None
     """Options as a TOML file, such as the config.toml of an earlier run."""
     output: Path = Path("handeye-fg-out")
@@ -94,15 +99,36 @@ class Calibrate:
                 masks=self.masks,
                 options=self.options,
                 target=self.target,
+                holdout=self._holdout(),
                 output=self.output,
                 progress=view,
             )
+
+    def _holdout(self) -> tuple[Path, Path] | None:
+        """The new images and their poses."""
+        if self.holdout_images is None and self.holdout_poses is None:
+            return None
+        if self.holdout_images is None or self.holdout_poses is None:
+            raise InputDataError(
+                "--holdout-images and --holdout-poses belong together; give the other"
+            )
+        if self.options.holdout > 0.0:
+            raise InputDataError(
+                "--holdout keeps poses of the calibration out of X, --holdout-images takes others; use one of them"
+            )
+        return self.holdout_images, self.holdout_poses
 
     def _refine(self, model: Path, progress: Progress) -> "Result":
         """From the reconstruction that exists already."""
         from handeye_fg.from_model import refine
 
-        given = {"--camera": self.camera, "--masks": self.masks, "--target": self.target}
+        given = {
+            "--camera": self.camera,
+            "--masks": self.masks,
+            "--target": self.target,
+            "--holdout-images": self.holdout_images,
+            "--holdout-poses": self.holdout_poses,
+        }
         if unused := [flag for flag, value in given.items() if value is not None]:
             raise InputDataError(
                 f"{' and '.join(unused)} cannot be used with --model, whose reconstruction has its own camera and "

@@ -77,11 +77,13 @@ class View:
     Attributes:
         refinement: the optimum.
         intrinsics: of each camera.
+        beliefs: the prior of each camera's intrinsics in the refinement.
         scale_note: in words, if the size of a known target was not kept; "" otherwise.
     """
 
     refinement: Refinement
     intrinsics: tuple[Intrinsics, ...]
+    beliefs: tuple[IntrinsicsPrior, ...]
     scale_note: str = ""
 
 
@@ -199,7 +201,11 @@ class _Call:
                 focal_offset=focal_offset(final, joint, beliefs[k].unknown, k),
                 other=other(final, joint, k, kept=False) if usable else None,
             )
-        return View(refinement=final, intrinsics=tuple(intrinsics[k] for k in range(len(given))))
+        return View(
+            refinement=final,
+            intrinsics=tuple(intrinsics[k] for k in range(len(given))),
+            beliefs=tuple(beliefs),
+        )
 
     def _kept(
         self,

@@ -46,6 +46,7 @@ class HoldoutReport:
             where the uncertainty is right.
         probability: of a larger one by chance.
         within: part of all points that are, seen so, in their ellipse of 95 %; None without points.
+        new_images: whether the images had no part in the reconstruction either.
     """
 
     images: tuple[HeldOutImage, ...]
@@ -56,6 +57,7 @@ class HoldoutReport:
     normalised: float
     probability: float
     within: float | None = None
+    new_images: bool = False
 
     def __post_init__(self) -> None:
         for name in (
@@ -94,6 +96,7 @@ def holdout_document(report: HoldoutReport) -> Document:
         "reprojection_px": report.reprojection_rms,
         "expected_reprojection_px": report.expected_reprojection,
         "within_95": report.within,
+        "new_images": report.new_images,
         "normalised": report.normalised,
         "probability": report.probability,
         "images": [
@@ -133,4 +136,5 @@ def read_holdout(fields: Fields) -> HoldoutReport:
         normalised=fields.number("normalised"),
         probability=fields.number("probability"),
         within=fields.optional_number("within_95"),
+        new_images=fields.flag("new_images"),
     )

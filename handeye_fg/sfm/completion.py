@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.sfm.model import to_sfm_model
-from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.sfm.native import native_camera, run_cancellable
 from handeye_fg.sfm.stages import DATABASE
 from handeye_fg.types import CameraModel, SfmModel, folder_of
 
@@ -73,7 +73,7 @@ def complete(
             numbers = {name: image.image_id for name, image in images.items()}
             at = {numbers[name]: pose for name, pose in poses.items()}
             lenses = {
-                numbers[n]: _native(cameras[folder_of(n)], images[n].camera_id) for n in poses
+                numbers[n]: native_camera(cameras[folder_of(n)], images[n].camera_id) for n in poses
             }
             pairs = _agreeing(source, at, lenses)
             new = {numbers[name] for name in expected}
@@ -134,14 +134,6 @@ def _epipolar_distance(essential: Array, first: Array, second: Array) -> Array:
     lines, back = first @ essential.T, second @ essential
     square = np.sum(lines[:, :2] ** 2, axis=1) + np.sum(back[:, :2] ** 2, axis=1)
     return np.asarray(np.abs(np.sum(second * lines, axis=1)) / np.sqrt(square))
-
-
-def _native(camera: CameraModel, camera_id: int) -> pycolmap.Camera:
-    native = pycolmap.Camera(
-        model=camera.model, width=camera.width, height=camera.height, params=camera.params
-    )
-    native.camera_id = camera_id
-    return native
 
 
 def _database(source: Path, pairs: Sequence[_Pair], copy: Path) -> Path:

@@ -8,6 +8,7 @@ import pycolmap
 
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.options import SfmOptions
+from handeye_fg.types import CameraModel
 
 T = TypeVar("T")
 
@@ -82,3 +83,12 @@ def run_cancellable(
             ) from failure
         raise failure
     return results[0]
+
+
+def native_camera(camera: CameraModel, camera_id: int) -> pycolmap.Camera:
+    """A camera as COLMAP has it."""
+    native = pycolmap.Camera(
+        model=camera.model, width=camera.width, height=camera.height, params=camera.params
+    )
+    native.camera_id = camera_id
+    return native
