@@ -106,13 +106,15 @@ def predicted(
     levers = new.base_T_gripper @ levers if linearised.inverted else levers
     to_gripper, to_camera = frames.adjoint(levers), frames.adjoint(frames.inverse(levers))
     robot = np.repeat([noise.robot_rotation, noise.robot_translation], 3) ** 2
+    # Predicted poses against reported ones, of base_T_gripper.
+    sign = 1.0 if linearised.inverted else -1.0
     errors, halves = np.zeros((n, 6)), np.zeros((n, 6, half.shape[2]))
     covariance = np.zeros((6 * n, 6 * n))
     for i in range(n):
         rows = new.image_index == i
         weighted = np.swapaxes(by_pose[rows], 1, 2) @ weights[rows]
         of_pose = np.linalg.inv((weighted @ by_pose[rows]).sum(axis=0))
-        gain = -to_gripper[i] @ of_pose @ weighted
+        gain = sign * to_gripper[i] @ of_pose @ weighted
         errors[i] = np.einsum("mij,mj->i", gain, found.errors[rows])
         halves[i] = np.einsum("mij,mjd->id", gain, half[rows])
         block = slice(6 * i, 6 * i + 6)
