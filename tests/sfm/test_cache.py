@@ -1,6 +1,8 @@
 """The folder of a reconstruction: replaced as a whole, reused only for the same inputs."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from handeye_fg.sfm.cache import (
     stored_model,
 )
 from handeye_fg.sfm.model import to_sfm_model
-from handeye_fg.sfm.stages import prepare
+from handeye_fg.sfm.stages import open_stage, prepare
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment
 
@@ -170,3 +172,25 @@ def test_the_content_says_what_it_was_made_from(tmp_path: Path) -> None:
             [["z.jpg"], [np.eye(4).tolist()], {".": ["PINHOLE", 64, 48, [50.0, 50.0, 32.0, 24.0]]}]
         ],
     }
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), RuntimeError("disk I/O error")]
+)
+def test_a_stage_on_a_full_disk_is_made_again_as_a_whole(tmp_path: Path, error: Exception) -> None:
+    """COLMAP's own errors say no more than that something went wrong."""
+    stages = prepare(tmp_path / "stages")
+
+    def half(folder: Path, _older: object) -> dict[str, object]:
+        (folder / "half").touch()
+        raise error
+
+    with pytest.raises(
+        InputDataError, match=r"cannot be written \(.*check the free disk space.*continues"
+    ):
+        open_stage(stages, "matches", {"seed": 0}, half)
+    assert list(stages.iterdir()) == []
+    made = open_stage(stages, "matches", {"seed": 0}, lambda _folder, _older: {"pairs": 3})
+    assert made.facts == {"pairs": 3}
+    # It is there now: nothing is built.
+    assert open_stage(stages, "matches", {"seed": 0}, half).folder == made.folder
