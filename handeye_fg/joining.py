@@ -22,7 +22,7 @@ from handeye_fg.parts import as_fragment, only
 from handeye_fg.solvers import trusted_rows
 from handeye_fg.solvers.residuals import differences
 from handeye_fg.solvers.worlds import InWorld, common_start, in_world
-from handeye_fg.types import Fragment, SfmModel, folder_of
+from handeye_fg.types import Fragment, SfmModel, folder_of, folders_of
 
 # So many motions, all fragments together, whose residuals (radians; part of the cameras' extent) are no
 # larger, place further cameras to some pixels.
@@ -55,7 +55,7 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
         inputs: the inputs.
         folder: of the reconstruction.
     """
-    model = _without_false_links(model, inputs)
+    model = _without_false_links(_without_cameras_elsewhere(model, inputs), inputs)
     if not model.unregistered:
         return model
     parts = [_part(fragment, inputs) for fragment in (as_fragment(model), *model.fragments)]
@@ -136,6 +136,47 @@ def _of_each_camera(fragment: Fragment) -> dict[str, NDArray[np.bool_]]:
     return {name: np.array([name == other for other in folders]) for name in sorted({*folders})}
 
 
+def _without_cameras_elsewhere(model: SfmModel, inputs: Inputs) -> SfmModel:
+    """The model without the cameras that few false matches put elsewhere than the robot does; each is a fragment.
+
+    Each of them moves as the robot does, only not in the world of the camera with the most images.
+    """
+    main = as_fragment(model)
+    part = _part(main, inputs)
+    X = _sure_ones(part)
+    lead = max(X, key=lambda name: len(part.data[name]), default="")
+    home = _world([(part.data[lead], X[lead])]) if lead in X else None
+    if home is None:
+        return model
+    extent, apart = _extent([part.data[lead]], home), []
+    for name in X.keys() - {lead}:
+        data = part.data[name]
+        camera = frames.scaled(data.world_T_camera, home.metres_per_world_unit)
+        angle, distance = differences(data.base_T_gripper @ X[name], home.base_T_world @ camera)
+        if np.median(angle) > _FAR_ROTATION or np.median(distance) > _FAR_TRANSLATION * extent:
+            apart.append(name)
+    for name in sorted(apart):
+        model = _split(model, [image for image in model.names if folder_of(image) == name])
+    return model
+
+
+def _split(model: SfmModel, names: Sequence[str]) -> SfmModel:
+    """The model without falsely linked images, which are a fragment then."""
+    taken = np.isin(model.names, names)
+    main = as_fragment(model)
+    elsewhere = Fragment(
+        names=tuple(names),
+        world_T_camera=model.world_T_camera[taken],
+        cameras={name: main.cameras[name] for name in folders_of(names)},
+    )
+    kept = only(model, [name for name in model.names if name not in names])
+    return replace(
+        kept,
+        unregistered=(*model.unregistered, *((name, _FALSELY_LINKED) for name in names)),
+        fragments=(elsewhere, *model.fragments),
+    )
+
+
 def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
     """The model in two fragments, where few false matches link images that the robot has elsewhere.
 
@@ -149,12 +190,7 @@ def _without_false_links(model: SfmModel, inputs: Inputs) -> SfmModel:
     elsewhere = replace(main, names=tuple(names), world_T_camera=main.world_T_camera[~right])
     if _agreeing(_part(elsewhere, inputs), _sure_ones(_part(main, inputs))) is None:
         return model
-    kept = only(model, [name for name in main.names if name not in names])
-    return replace(
-        kept,
-        unregistered=(*model.unregistered, *((name, _FALSELY_LINKED) for name in names)),
-        fragments=(elsewhere, *model.fragments),
-    )
+    return _split(model, names)
 
 
 def _part(fragment: Fragment, inputs: Inputs) -> _Part:

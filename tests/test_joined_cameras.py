@@ -11,9 +11,10 @@ import pytest
 from scipy import stats
 
 import handeye_fg as hf
-from handeye_fg import frames
+from handeye_fg import frames, sfm
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
+from handeye_fg.joining import joined
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import find_scene
@@ -152,3 +153,44 @@ def test_a_camera_whose_images_do_not_move_as_the_robot_stays_out(
     assert {name.partition("/")[0] for name in scene.model.names} == {"cam0"}
     assert len(scene.model.cameras) == 1
     assert len(scene.model.unregistered) == int(second.sum())
+
+
+def test_false_matches_do_not_link_a_camera_elsewhere(
+    rig: RigScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Look-alikes put all of the second camera's images at another side of the scene, in one model."""
+    asked: dict[str, Array] = {}
+
+    def complete(_folder, model, expected, _cameras):
+        assert {name.partition("/")[0] for name in model.names} == {"cam0"}
+        asked.update(expected)
+        return model
+
+    monkeypatch.setattr(sfm, "complete", complete)
+    model, second = rig.scene.model, rig.rig.camera == 1
+    inputs = Inputs(
+        images=tmp_path,
+        names=model.names,
+        left_out=(),
+        poses=rig.robot_poses,
+        cameras=None,
+        masks=None,
+        digest="",
+    )
+    assert joined(model, inputs, tmp_path) is model
+    assert asked == {}
+    elsewhere = frames.exp(np.array([0.3, -0.2, 2.5, 1.0, 2.0, 0.0]))
+    wrong = np.array(model.world_T_camera)
+    wrong[second] = elsewhere @ wrong[second]
+    found = joined(replace(model, world_T_camera=wrong), inputs, tmp_path)
+    assert {why for _, why in found.unregistered} == {
+        "its matches put it elsewhere than the robot does"
+    }
+    assert list(asked) == [
+        name for name, is_second in zip(model.names, second, strict=True) if is_second
+    ]
+    error = frames.log(
+        frames.inverse(rig.scene.world_T_camera[second]) @ np.array(list(asked.values()))
+    )
+    assert np.rad2deg(np.linalg.norm(error[:, :3], axis=1)).max() < 0.3
+    assert np.linalg.norm(error[:, 3:], axis=1).max() * rig.scene.metres_per_world_unit < 5e-3
