@@ -180,6 +180,38 @@ def test_a_camera_without_placed_images_is_named(images, scene, reconstruction, 
     assert np.rad2deg(np.linalg.norm(error[:3])) < 0.05
 
 
+def test_an_image_that_few_points_hold_elsewhere_is_left_out(
+    images, scene, reconstruction, monkeypatch
+):
+    model, tracks = scene.scene.model, scene.scene.model.tracks
+    last, poses = len(model.names) - 1, np.array(model.world_T_camera)
+    seen = np.flatnonzero(tracks.image_index == last)
+    kept = np.setdiff1d(np.arange(len(tracks.image_index)), seen[12:])
+    thin = replace(
+        tracks,
+        image_index=tracks.image_index[kept],
+        point_index=tracks.point_index[kept],
+        pixels=tracks.pixels[kept],
+    )
+
+    def left_out(poses):
+        found = replace(model, world_T_camera=poses, tracks=thin)
+        monkeypatch.setattr(sfm, "reconstruct", lambda *_, **__: found)
+        result = hf.calibrate(images, poses_of(scene), camera=scene.scene.camera)
+        return {
+            image.name: image.reason
+            for image in result.images
+            if not image.registered and "no image has this name" not in image.reason
+        }
+
+    assert left_out(poses) == {}  # few points are no reason
+    poses[last] = poses[last] @ frames.exp(np.array([0.5, 0.3, -0.4, 2.0, 1.0, 0.5]))
+    ((name, reason),) = left_out(poses).items()
+    assert name == model.names[last]
+    assert reason.startswith("its matches put it elsewhere than the robot does")
+    assert reason.endswith("only 12 points hold it")
+
+
 def test_poses_of_each_image_are_poses_of_their_own(images, scene, reconstruction):
     """Cameras that were triggered at different times."""
     poses = dict(

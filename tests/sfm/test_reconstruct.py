@@ -278,16 +278,17 @@ def test_an_all_black_mask_leaves_nothing(images: Path, tmp_path: Path) -> None:
 def test_an_interrupt_stops_within_seconds_and_leaves_no_half_model(
     images: Path, tmp_path: Path, stage: str
 ) -> None:
+    """Seconds of computing: how long they take depends on what else the machine does."""
     since: list[float] = []
 
     def interrupt(name: str, done: int, _total: int | None) -> None:
         if name == stage and done >= 1:
-            since.append(time.monotonic())
+            since.append(time.process_time())
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         run(images, tmp_path / "out" / "sfm", progress=interrupt)
-    assert time.monotonic() - since[0] < 5
+    assert time.process_time() - since[0] < 3
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["stages"]
     assert not list((tmp_path / "out" / "stages").glob(".*"))
 
