@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     )
     from handeye_fg.export_options import ExportOptions
     from handeye_fg.exporting import export
+    from handeye_fg.findings import NoiseLevels
     from handeye_fg.from_model import refine
     from handeye_fg.from_poses import solve
     from handeye_fg.io.cameras import read_camera
@@ -38,7 +39,9 @@ if TYPE_CHECKING:
         PoseFileOptions,
         RobotNoise,
         SfmOptions,
+        TaskOptions,
     )
+    from handeye_fg.patterns import AprilTagGrid, Charuco, Grid, Target
     from handeye_fg.pipeline import calibrate
     from handeye_fg.planning import Plan, Workspace, plan, plan_first, read_arm
     from handeye_fg.priors import CameraPrior, DistancePrior, PosePrior, Prior, ScalePrior
@@ -53,9 +56,11 @@ if TYPE_CHECKING:
     from handeye_fg.types import CameraModel, RobotPoses, SfmModel, Tracks
 
 __all__ = [
+    "AprilTagGrid",
     "Batch",
     "CameraModel",
     "CameraPrior",
+    "Charuco",
     "Check",
     "Comparison",
     "ConvergenceError",
@@ -64,8 +69,10 @@ __all__ = [
     "DistancePrior",
     "ExportOptions",
     "GraphOptions",
+    "Grid",
     "HandEyeError",
     "InputDataError",
+    "NoiseLevels",
     "NoiseOptions",
     "Options",
     "Plan",
@@ -80,6 +87,8 @@ __all__ = [
     "ScalePrior",
     "SfmModel",
     "SfmOptions",
+    "Target",
+    "TaskOptions",
     "Tracks",
     "UnobservableError",
     "Workspace",
@@ -107,6 +116,8 @@ __all__ = [
 ]
 
 _HOME = {
+    "NoiseLevels": "findings",
+    **dict.fromkeys(("AprilTagGrid", "Charuco", "Grid", "Target"), "patterns"),
     "ExportOptions": "export_options",
     **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
     "Batch": "batching.rows",
@@ -138,6 +149,7 @@ _HOME = {
             "PoseFileOptions",
             "RobotNoise",
             "SfmOptions",
+            "TaskOptions",
         ),
         "options",
     ),

@@ -5,8 +5,9 @@ import importlib
 import inspect
 import pkgutil
 import re
+from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import cv2
 import numpy as np
@@ -72,6 +73,30 @@ def test_functions_are_documented(name: str) -> None:
 @pytest.mark.parametrize("name", hf.__all__)
 def test_names_are_documented(name: str) -> None:
     assert len(inspect.getdoc(getattr(hf, name)) or "") > 10
+
+
+def classes_in(hint: Any) -> Iterator[type]:
+    """The classes of this package that a type consists of."""
+    if inspect.isclass(hint) and hint.__module__.startswith("handeye_fg."):
+        yield hint
+    for part in get_args(hint):
+        yield from classes_in(part)
+
+
+def test_what_functions_take_is_public_as_well() -> None:
+    """But for what ``read_arm`` and ``handeye_fg.simulate`` give."""
+    takers = [
+        getattr(hf, name) for name in FUNCTIONS if name != "export"
+    ]  # pycolmap's for checkers only
+    takers += [getattr(hf, name) for name in hf.__all__ if name.endswith("Options")]
+    taken = {
+        kind.__name__
+        for taker in takers
+        for parameter, hint in get_type_hints(taker).items()
+        if parameter != "return"
+        for kind in classes_in(hint)
+    }
+    assert taken - set(hf.__all__) == {"Reach", "Scene"}
 
 
 def test_each_command_is_a_function() -> None:
