@@ -9,6 +9,7 @@ import numpy as np
 
 from handeye_fg import sfm
 from handeye_fg.claims import agreed
+from handeye_fg.conventions import AS_GIVEN
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.from_poses import solve
@@ -16,7 +17,7 @@ from handeye_fg.inputs import PosesSource, read_model_inputs, read_robot_poses
 from handeye_fg.io.images import list_cameras
 from handeye_fg.io.model_poses import TRANSFORMS, read_camera_poses
 from handeye_fg.io.results import Result
-from handeye_fg.options import Options, RobotNoise
+from handeye_fg.options import Options, PoseFileOptions, RobotNoise
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.scene import Scene
@@ -132,7 +133,7 @@ def _from_poses(
         if isinstance(model, Mapping)
         else read_camera_poses(model, wanted, options.poses.pair_by)
     )
-    noise = options.noise
+    noise, named = options.noise, options.poses.convention.split(",")
     result = solve(
         {
             name: np.asarray(matrix)
@@ -147,8 +148,16 @@ def _from_poses(
             robot_translation_mm=noise.robot_translation_mm,
         ),
         priors=options.priors,
+        robot_file=PoseFileOptions(
+            # Named conversions are done; that the poses are not to be doubted remains to be said.
+            convention=AS_GIVEN if AS_GIVEN in named else "",
+            auto_convention=options.poses.auto_convention,
+        ),
         seed=options.seed,
     )
+    if any(named):
+        provenance = {**result.provenance, "convention": options.poses.convention}
+        result = replace(result, provenance=provenance)
     return (
         result if given.read_as is None else replace(result, poses_read_as={"robot": given.read_as})
     )

@@ -359,3 +359,23 @@ def test_a_model_that_lacks_points(intact: Path, tmp_path: Path) -> None:
     points.write_text("\n".join(points.read_text().splitlines()[:-3]))
     with pytest.raises(hf.InputDataError, match=r"lacks point .*, which image .* observes"):
         sfm.read_model(tmp_path / "m")
+
+
+def test_camera_poses_alone_tell_the_convention_too() -> None:
+    scene = simulate_scene(np.random.default_rng(2), n_images=10, n_points=60)
+    camera = dict(zip(scene.model.names, scene.world_T_camera, strict=True))
+    right = dict(zip(scene.robot_poses.names, scene.robot_poses.base_T_gripper, strict=True))
+    wrong = {name: np.linalg.inv(pose) for name, pose in right.items()}
+    with pytest.raises(hf.InputDataError, match=r"^your poses look inverted"):
+        hf.refine(camera, wrong)
+
+    def refined(**poses: Any) -> hf.Result:
+        return hf.refine(camera, wrong, hf.Options(poses=hf.PoseFileOptions(**poses)))
+
+    expected = hf.refine(camera, right)
+    for options in ({"auto_convention": True}, {"convention": "inverted"}):
+        result = refined(**options)
+        np.testing.assert_allclose(result.matrix, expected.matrix, atol=1e-9)
+        assert result.provenance["convention"] == "inverted"
+    with pytest.raises(hf.HandEyeError, match=r"^(?!.*poses look)"):
+        refined(convention="as-given")

@@ -142,8 +142,13 @@ def test_a_vehicle_is_no_arm_in_centimetres():
     robot, _, _ = pairs()
     robot[:, :3, 3] *= 400.0
     X = frames.pose(np.eye(3), np.array([1.5, 0.2, 1.0]))
-    result = hf.solve(robot, robot @ X)
+    camera = frames.inverse(frames.exp(np.array([0.1, 0.2, 0.3, 40.0, 0.0, 20.0]))) @ robot @ X
+    result = hf.solve(robot, camera)
     np.testing.assert_allclose(result.matrix, X, atol=1e-6)
+    # Nor is it one where something else is wrong.
+    with pytest.raises(hf.InputDataError, match=r"^your poses look .*inverted") as caught:
+        hf.solve(frames.inverse(robot), camera)
+    assert "metres, not" not in str(caught.value)
 
 
 def test_what_has_nothing_in_common_stays_a_contradiction():
