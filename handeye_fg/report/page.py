@@ -121,6 +121,7 @@ def _content(result: Result) -> dict[str, object]:
         "extent": wording.extent(result),
         "used": wording.used(result),
         "rejected": wording.rejected(result),
+        "read_as": [(whose, str(one)) for whose, one in result.poses_read_as.items()],
         "images": tables.images(result),
         "figures": {drawing.name: drawing for drawing in drawings(result)},
         "view": shown,

@@ -1,5 +1,6 @@
 """The same X from pose pairs in files of every format, from Python and from the command line."""
 
+import html
 import json
 
 import numpy as np
@@ -45,7 +46,8 @@ def test_x_is_the_same_from_every_format(tmp_path, pairs, name):
     text = hf.summary_text(result)
     assert f"robot poses      read as {name} ({FORMATS[name].convention}), as told" in text
     assert "camera poses     read as csv (quaternion x,y,z,w, m), recognised" in text
-    assert f"{name} ({FORMATS[name].convention}), as told" in hf.render_report(result)
+    told = f"The robot's poses were read as {name} ({FORMATS[name].convention}), as told."
+    assert told in html.unescape(hf.render_report(result))
 
 
 def test_flags_of_the_command(tmp_path, pairs, capsys):
