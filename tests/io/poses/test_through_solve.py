@@ -43,11 +43,17 @@ def test_x_is_the_same_from_every_format(tmp_path, pairs, name):
     robot_as, camera_as = (result.poses_read_as[whose] for whose in ("robot", "camera"))
     assert (robot_as.format, robot_as.recognised) == (name, False)
     assert (camera_as.format, camera_as.recognised) == ("csv", True)
+
+
+def test_people_are_told_how_files_were_read(tmp_path, pairs):
+    robot, camera, _ = pairs
+    path = write_poses(robot, tmp_path / "robot.txt", PoseFileOptions(format="fanuc"))
+    result = hf.solve(path, camera_csv(tmp_path, camera))
+    how = f"read as fanuc ({FORMATS['fanuc'].convention}), recognised"
     text = hf.summary_text(result)
-    assert f"robot poses      read as {name} ({FORMATS[name].convention}), as told" in text
+    assert f"robot poses      {how}" in text
     assert "camera poses     read as csv (quaternion x,y,z,w, m), recognised" in text
-    told = f"The robot's poses were read as {name} ({FORMATS[name].convention}), as told."
-    assert told in html.unescape(hf.render_report(result))
+    assert f"The robot's poses were {how}." in html.unescape(hf.render_report(result))
 
 
 def test_flags_of_the_command(tmp_path, pairs, capsys):
