@@ -203,7 +203,7 @@ def _caption(result: Result, magnified: float) -> str:
     ]
     if magnified:
         parts.append(
-            f"Ellipsoids: one standard deviation of the camera's position on the arm, {magnified:g} times as large."
+            f"Ellipsoids: one standard deviation of X's position, {magnified:g} times as large."
         )
     scene = result.scene
     if scene is not None and scene.n_points > len(scene.points):
