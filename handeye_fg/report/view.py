@@ -71,15 +71,12 @@ def _lines(segments: Sequence[Array], name: str, colour: str, width: float) -> T
     """Polylines (k, 3) in one trace, broken between them."""
     gap = np.full((1, 3), np.nan)
     joined = np.concatenate([part for segment in segments for part in (segment, gap)])
-    x, y, z = ([None if np.isnan(v) else round(float(v), 6) for v in axis] for axis in joined.T)
     return {
         "type": "scatter3d",
         "mode": "lines",
         "name": name,
         "hoverinfo": "skip",
-        "x": x,
-        "y": y,
-        "z": z,
+        **_coordinates(joined),
         "line": {"color": colour, "width": width},
     }
 

@@ -64,7 +64,7 @@
   function layout() {
     const axis = (title) => ({
       title: { text: title }, color: colour("muted"), gridcolor: colour("line"),
-      zerolinecolor: colour("line"), showbackground: false, nticks: 6,
+      zerolinecolor: colour("line"), showbackground: false, showspikes: false, nticks: 6,
     });
     const narrow = place.clientWidth < 600;
     return {
