@@ -221,8 +221,9 @@ def test_it_prints_on_few_pages(page: Page) -> None:
 @pytest.mark.parametrize("width", [390, 320])
 def test_it_fits_a_phone(page: Page, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 800})
-    page.wait_for_timeout(300)  # the 3D view follows the width
     assert page.evaluate("document.documentElement.scrollWidth") == width
+    # The 3D view follows when it has been drawn again.
+    page.wait_for_function("document.querySelector('#view canvas').clientWidth < innerWidth")
 
 
 # Where a point of the 3D view is on the screen.
