@@ -6,6 +6,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGES = [
+    "README.md",
+    "benchmarks/README.md",
+    *(f"docs/{page.name}" for page in sorted((ROOT / "docs").glob("*.md"))),
+]
 
 
 def run_python(code: str) -> subprocess.CompletedProcess[str]:
@@ -78,12 +83,26 @@ def test_readme_names_targets_that_exist() -> None:
     assert named <= set(re.findall(r"^([a-z]+):", makefile, flags=re.MULTILINE))
 
 
-def test_readme_example_compiles() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    examples = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
-    assert examples
-    for example in examples:
-        compile(example, "README.md", "exec")
+@pytest.mark.parametrize("page", PAGES)
+def test_examples_on_pages_compile(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for example in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        compile(example, page, "exec")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_on_pages_lead_somewhere(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        if "://" in target:
+            continue
+        file, _, anchor = target.partition("#")
+        linked = ROOT / page if not file else (ROOT / page).parent / file
+        assert linked.exists(), target
+        if anchor:
+            titles = re.findall(r"(?m)^#+ (.*)$", linked.read_text(encoding="utf-8"))
+            anchors = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+            assert anchor in anchors, target
 
 
 def test_nothing_names_a_package_registry() -> None:
