@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from handeye_fg import sfm
-from handeye_fg.claims import Checked, check_poses
 from handeye_fg.conventions import Judged, Verdict, table
 from handeye_fg.conventions.verdict import Kind
 from handeye_fg.inputs import CameraSource, Inputs, PosesSource, read_inputs, read_model_inputs
@@ -19,7 +18,7 @@ from handeye_fg.motion_kinds import MotionKind, classify
 from handeye_fg.motions import PosePairs
 from handeye_fg.options import Options
 from handeye_fg.progress import Progress, silent
-from handeye_fg.scene import reconstructed
+from handeye_fg.scene import Checked, check_poses, reconstructed
 from handeye_fg.types import SfmModel
 
 _MOTIONS = {

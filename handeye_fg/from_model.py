@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from handeye_fg import sfm
-from handeye_fg.claims import agreed
 from handeye_fg.conventions import AS_GIVEN
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
@@ -20,7 +19,7 @@ from handeye_fg.io.results import Result
 from handeye_fg.options import Options, PoseFileOptions, RobotNoise
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
-from handeye_fg.scene import Scene
+from handeye_fg.scene import Scene, agreed
 from handeye_fg.types import SfmModel, folders_of
 
 Model = sfm.ModelSource | SfmModel | Mapping[str, Array]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.expected import all_cameras
 from handeye_fg.inputs import Inputs
 from handeye_fg.options import Options
 from handeye_fg.parts import only
+from handeye_fg.scene.expected import all_cameras
 from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.types import RobotPoses
 

@@ -14,10 +14,10 @@ import handeye_fg as hf
 from handeye_fg import frames, sfm
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
-from handeye_fg.joining import joined
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import find_scene
+from handeye_fg.scene.joining import joined
 from handeye_fg.sfm.stages import Stage, open_stage
 from handeye_fg.sfm.tracks import _fill as fill_with_tracks
 from handeye_fg.simulate import RigScene, simulate_rig

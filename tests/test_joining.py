@@ -8,8 +8,8 @@ import pytest
 
 from handeye_fg import frames, sfm
 from handeye_fg.inputs import Inputs
-from handeye_fg.joining import joined
 from handeye_fg.parts import only
+from handeye_fg.scene.joining import joined
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.types import Fragment, RobotPoses
 

@@ -10,7 +10,7 @@ import numpy as np
 from handeye_fg import frames
 from handeye_fg.graph.variables import State
 from handeye_fg.io.results import Result
-from handeye_fg.refined_scene import refined_scene
+from handeye_fg.outcome.refined_scene import refined_scene
 from handeye_fg.report import write_report
 from handeye_fg.types import Rig, Tracks
 

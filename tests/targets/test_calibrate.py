@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import handeye_fg as hf
-from handeye_fg import cli, frames, scene
+from handeye_fg import cli, frames, sfm
 from handeye_fg.errors import ReconstructionError
 from handeye_fg.io.results import result_schema
 from handeye_fg.patterns import Target
@@ -26,7 +26,7 @@ def failing_sfm(monkeypatch):
     def fail(*_, **__):
         raise ReconstructionError("structure from motion placed 0 of 8 images, take more")
 
-    monkeypatch.setattr(scene.sfm, "reconstruct", fail)
+    monkeypatch.setattr(sfm, "reconstruct", fail)
 
 
 @pytest.fixture

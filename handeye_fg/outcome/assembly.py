@@ -19,11 +19,11 @@ from handeye_fg.io.config import options_digest
 from handeye_fg.io.holdout import HoldoutReport
 from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result, SfmSummary, TargetSummary
-from handeye_fg.message import message, missing_cameras
 from handeye_fg.options import Options, TaskOptions
+from handeye_fg.outcome.message import message, missing_cameras
+from handeye_fg.outcome.refined_scene import refined_scene
 from handeye_fg.point_errors import Accuracy, accuracy
 from handeye_fg.proof import report_of
-from handeye_fg.refined_scene import refined_scene
 from handeye_fg.scene import Scene
 from handeye_fg.types import Setup, SfmModel, folder_of
 

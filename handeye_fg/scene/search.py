@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from handeye_fg import sfm
-from handeye_fg.claims import agreed
 from handeye_fg.errors import ReconstructionError
-from handeye_fg.expected import all_cameras
 from handeye_fg.inputs import Inputs
 from handeye_fg.intrinsics import covers_image
-from handeye_fg.joining import elsewhere, joined
 from handeye_fg.looks import flaws
 from handeye_fg.options import Options
 from handeye_fg.parts import only
 from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
+from handeye_fg.scene.claims import agreed
+from handeye_fg.scene.expected import all_cameras
+from handeye_fg.scene.joining import elsewhere, joined
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
 from handeye_fg.types import CameraModel, KnownPoints, SfmModel
 

@@ -24,12 +24,12 @@ from handeye_fg.conventions import (
 )
 from handeye_fg.errors import ConvergenceError, HandEyeError, InputDataError
 from handeye_fg.frames import Array, inverse
+from handeye_fg.from_poses.answer import Answer
+from handeye_fg.from_poses.solution import Method, answer_of
 from handeye_fg.io.pose_pairs import NamedPairs
 from handeye_fg.io.poses import PoseFile
 from handeye_fg.motions import PosePairs
 from handeye_fg.options import PoseFileOptions
-from handeye_fg.pose_outcome import Answer
-from handeye_fg.pose_solution import Method, answer_of
 from handeye_fg.types import Indices, RobotPoses, Setup
 
 # No camera is so near to its gripper, or so far from gripper or base (metres): the unit is another.

@@ -9,15 +9,15 @@ import numpy as np
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
+from handeye_fg.from_poses.answer import Answer, digest, message, row_reports
+from handeye_fg.from_poses.claims import agreed_answer, as_meant
+from handeye_fg.from_poses.solution import Method
 from handeye_fg.io.pose_pairs import NamedPairs, PoseList, read_pairs
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.known import OfXAndScale, in_world_units
 from handeye_fg.motions import PosePairs
 from handeye_fg.options import CameraNoise, MethodName, PoseFileOptions, RobotNoise, TaskOptions
-from handeye_fg.pair_claims import agreed_answer, as_meant
 from handeye_fg.point_errors import Accuracy, accuracy
-from handeye_fg.pose_outcome import Answer, digest, message, row_reports
-from handeye_fg.pose_solution import Method
 from handeye_fg.priors import AnyPrior, CameraPrior, DistancePrior, ScalePrior
 from handeye_fg.progress import Stopwatch
 from handeye_fg.solvers import METHODS

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from handeye_fg.errors import ConvergenceError, InputDataError, UnobservableError
 from handeye_fg.findings import LinearStart, NoiseLevels
+from handeye_fg.from_poses.answer import Answer
 from handeye_fg.known import OfXAndScale
 from handeye_fg.motions import MotionPairs, PosePairs, as_motions
 from handeye_fg.observability import analyse
 from handeye_fg.options import RobotNoise
-from handeye_fg.pose_outcome import Answer
 from handeye_fg.solvers import (
     METHODS,
     Solution,
