@@ -53,10 +53,11 @@ class Calibration:
         *,
         output: Path | None = None,
         target: Path | None = None,
+        holdout: tuple[Path, Path] | None = None,
         progress: Callable[[str, int, int | None], None],
     ) -> Result:
         self.asked = {"images": images, "poses": poses, "camera": camera, "masks": masks}
-        self.asked |= {"options": options, "output": output, "target": target}
+        self.asked |= {"options": options, "output": output, "target": target, "holdout": holdout}
         for done in range(3):
             progress("images", done, 2)
         progress("iterations", 1, None)
@@ -133,6 +134,18 @@ def test_arguments_reach_the_pipeline(
     assert (asked["camera"], asked["masks"]) == (Path("c.yaml"), Path("m"))
     assert asked["output"] == tmp_path / "out"
     assert asked["options"] == Options(setup="eye-to-hand", seed=5)
+    assert asked["holdout"] is None
+    assert run("--holdout-images", "new", "--holdout-poses", "new.csv") == 0
+    assert calibration.asked["holdout"] == (Path("new"), Path("new.csv"))
+
+
+def test_new_images_need_their_poses(
+    run: Callable[..., int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("--holdout-images", "new") == 2
+    assert "--holdout-images and --holdout-poses belong together" in capsys.readouterr().err
+    assert run("--holdout-images", "new", "--holdout-poses", "new.csv", "--holdout", "0.2") == 2
+    assert "use one of them" in capsys.readouterr().err
 
 
 def test_partial_result_is_code_3_and_written(

@@ -2,9 +2,9 @@
 
 With J the derivative of a pose's residual r by the shared unknowns, C their covariance, e the residual
 after the fit, S the covariance of a reported pose and R = S - J C J' that of e, the solution without
-the pose differs by ``C J' R^-1 e`` (a downdate of rank 6), and its covariance by ``C J' R^-1 J C``. The residual of the pose against it is
-``S R^-1 e``, with the covariance ``S R^-1 S``: larger than e, since no solution is drawn to a pose
-that it is not part of. With the noise levels held, all this is exact for the linearised problem.
+the pose differs by ``C J' R^-1 e`` (a downdate of rank 6), and its covariance by ``C J' R^-1 J C``. The residual of
+the pose against it is ``S R^-1 e``, with the covariance ``S R^-1 S``: larger than e, since no solution is
+drawn to a pose that it is not part of. With the noise levels held, all this is exact for the linearised problem.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,9 @@ from handeye_fg.frames import Array
 from handeye_fg.graph.noise import Solution
 from handeye_fg.graph.reduced import Linearised, predicted_covariance
 
-# A pose of whose residual less than this part is left, in some direction, is not controlled by the rest: an
-# image that two points hold agrees with every robot pose as far as the linearised problem can tell.
+# A pose of whose residual less than this part is left, in some direction, is not controlled by the rest. An
+# image that two points hold agrees with every robot pose as far as the linearised problem can tell; beside other
+# cameras such a pose, taken in, moves what the cameras share, by degrees. Of one camera nothing else hangs on it.
 _LEAST_CONTROL = 1e-6
 _ROUNDING = 1e-12  # relative: part of a covariance that is rounding
 
@@ -58,13 +59,12 @@ def deletions(linearised: Linearised, solution: Solution, trusted: NDArray[np.bo
     left = (left + np.swapaxes(left, 1, 2)) / 2.0  # exact poses leave little but rounding
     x_columns = linearised.layout.x_columns()
     lengths, x_step = np.full((len(left), 2), np.nan), np.full((len(left), 6), np.nan)
-    growth, whitener = (
-        np.full(len(left), np.nan),
-        _whitener(solution.covariance[x_columns][:, x_columns]),
-    )
+    growth = np.full(len(left), np.nan)
+    whitener = _whitener(solution.covariance[x_columns][:, x_columns])
+    several = linearised.layout.n_cameras > 1
     for i in np.flatnonzero(np.isfinite(left).all(axis=(1, 2))):
         least, *_, most = np.linalg.eigvalsh(left[i])
-        if (least if trusted[i] else 1.0 / most) < _LEAST_CONTROL:
+        if (1.0 / most if several and not trusted[i] else least) < _LEAST_CONTROL:
             continue
         if trusted[i]:
             covariance = np.linalg.inv(left[i])

@@ -300,7 +300,12 @@ def test_intrinsics_of_opencv_are_those_that_camera_files_give(tmp_path: Path) -
     ]
     for camera in cameras:
         text = export_text(
-            make_result(camera=camera, intrinsics_std=np.zeros(len(camera.params))), "opencv"
+            make_result(
+                camera=camera,
+                intrinsics_std=np.zeros(len(camera.params)),
+                intrinsics_correlation=None,
+            ),
+            "opencv",
         )
         path = tmp_path / "camera.yaml"
         path.write_text(text)
@@ -495,7 +500,10 @@ def test_what_a_format_cannot_hold_is_refused() -> None:
         export_text(make_result(images=()), "tum")
     rational = CameraModel(model="FULL_OPENCV", width=9, height=9, params=np.ones(12))
     with pytest.raises(hf.InputDataError, match="terms k4, k5 and k6 of FULL_OPENCV"):
-        export_text(make_result(camera=rational, intrinsics_std=np.ones(12)), "nerfstudio")
+        export_text(
+            make_result(camera=rational, intrinsics_std=np.ones(12), intrinsics_correlation=None),
+            "nerfstudio",
+        )
     for export in (hf.export, export_text):
         with pytest.raises(hf.InputDataError, match="there is no format 'cad'"):
             export(make_result(), "cad")
