@@ -1,13 +1,19 @@
-"""What tests in several folders need: a calibration of data/tabletop, made once for all processes."""
+"""What tests in several folders need: a calibration made once for all processes, and matches without images."""
 
+import importlib
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
+
+from handeye_fg.frames import Array
+from handeye_fg.inputs import Inputs
+from handeye_fg.types import CameraModel, Indices, RobotPoses
 
 ROOT = Path(__file__).parents[1]
 
@@ -39,3 +45,53 @@ def calibrated_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., P
 def tabletop_output(calibrated_once: Callable[..., Path]) -> Path:
     """Output of ``calibrate`` for data/tabletop; not to be written to."""
     return calibrated_once("tabletop", ROOT / "data" / "tabletop")
+
+
+@pytest.fixture
+def from_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Inputs]:
+    """``from_matches(poses, names, image_index, point_index, pixels, cameras)``: inputs whose images match so.
+
+    Two observations of one point match.
+    """
+    import pycolmap  # noqa: PLC0415  # for few tests
+
+    from handeye_fg.sfm.stages import Stage, open_stage  # noqa: PLC0415  # likewise
+    from handeye_fg.sfm.tracks import _fill  # noqa: PLC0415  # likewise
+
+    def inputs(
+        poses: RobotPoses,
+        names: tuple[str, ...],
+        image_index: Indices,
+        point_index: Indices,
+        pixels: Array,
+        cameras: Mapping[str, CameraModel],
+    ) -> Inputs:
+        database = tmp_path / "tracks.db"
+        _fill(database, names, image_index, point_index, pixels, cameras)
+        options = pycolmap.TwoViewGeometryOptions()
+        options.ransac.random_seed = 0
+        pycolmap.geometric_verification(database, two_view_geometry_options=options)
+        for name in names:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_bytes(name.encode())
+
+        def matched(task, _sensitivity) -> Stage:
+            def build(stage: Path, _older) -> dict[str, object]:
+                shutil.copyfile(database, stage / "database.db")
+                return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
+
+            return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
+
+        module = importlib.import_module("handeye_fg.sfm.reconstruct")
+        monkeypatch.setattr(module, "_matched", matched)
+        return Inputs(
+            images=tmp_path,
+            names=names,
+            left_out=(),
+            poses=poses,
+            cameras=dict(cameras),
+            masks=None,
+            digest="",
+        )
+
+    return inputs

@@ -1,7 +1,6 @@
 """Cameras on one arm whose images share nothing: joined through the robot, from matches to X of each."""
 
-import importlib
-import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +17,6 @@ from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import find_scene
 from handeye_fg.scene.joining import joined
-from handeye_fg.sfm.stages import Stage, open_stage
-from handeye_fg.sfm.tracks import _fill as fill_with_tracks
 from handeye_fg.simulate import RigScene, simulate_rig
 from handeye_fg.types import CameraModel
 
@@ -57,45 +54,25 @@ def through(lens: CameraModel, rig: RigScene) -> Array:
     return pixels
 
 
-def inputs_of(
-    rig: RigScene, folder: Path, monkeypatch: pytest.MonkeyPatch, apart: np.ndarray
-) -> Inputs:
+Given = Callable[[RigScene, np.ndarray], Inputs]
+
+
+@pytest.fixture
+def inputs_of(from_matches: Callable[..., Inputs]) -> Given:
     """Matches of a rig's images; a number for each, those with different ones share no point."""
-    tracks, names = rig.scene.model.tracks, rig.scene.model.names
-    cameras = {"cam0": rig.scene.camera, "cam1": LENS}
-    database = folder / "tracks.db"
-    fill_with_tracks(
-        database,
-        names,
-        tracks.image_index,
-        tracks.point_index + apart[tracks.image_index] * len(tracks.points_world),
-        through(LENS, rig),
-        cameras,
-    )
-    options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = 0
-    pycolmap.geometric_verification(database, two_view_geometry_options=options)
-    for name in names:
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_bytes(name.encode())
 
-    def matched(task, _sensitivity) -> Stage:
-        def build(stage: Path, _older) -> dict[str, object]:
-            shutil.copyfile(database, stage / "database.db")
-            return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
+    def given(rig: RigScene, apart: np.ndarray) -> Inputs:
+        tracks = rig.scene.model.tracks
+        return from_matches(
+            rig.robot_poses,
+            rig.scene.model.names,
+            tracks.image_index,
+            tracks.point_index + apart[tracks.image_index] * len(tracks.points_world),
+            through(LENS, rig),
+            {"cam0": rig.scene.camera, "cam1": LENS},
+        )
 
-        return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
-
-    monkeypatch.setattr(importlib.import_module("handeye_fg.sfm.reconstruct"), "_matched", matched)
-    return Inputs(
-        images=folder,
-        names=names,
-        left_out=(),
-        poses=rig.robot_poses,
-        cameras=cameras,
-        masks=None,
-        digest="",
-    )
+    return given
 
 
 def off(found: Array, true: Array) -> tuple[float, float]:
@@ -109,12 +86,10 @@ def off(found: Array, true: Array) -> tuple[float, float]:
     )
 
 
-def test_cameras_that_share_nothing(
-    rig: RigScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cameras_that_share_nothing(rig: RigScene, tmp_path: Path, inputs_of: Given) -> None:
     """The second camera's images come in two parts, none of them with anything of the first camera."""
     camera, late = rig.rig.camera, np.arange(len(rig.rig.pose)) >= len(rig.rig.pose) - 3
-    inputs = inputs_of(rig, tmp_path, monkeypatch, camera + late)
+    inputs = inputs_of(rig, camera + late)
     options = hf.Options()
     scene, inputs = find_scene(inputs, tmp_path / "out" / "sfm", options, silent)
     model = scene.model
@@ -139,9 +114,9 @@ def test_cameras_that_share_nothing(
 
 
 def test_a_camera_whose_images_do_not_move_as_the_robot_stays_out(
-    rig: RigScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    rig: RigScene, tmp_path: Path, inputs_of: Given
 ) -> None:
-    inputs = inputs_of(rig, tmp_path, monkeypatch, rig.rig.camera)
+    inputs = inputs_of(rig, rig.rig.camera)
     second = rig.rig.camera == 1
     poses = np.array(rig.scene.robot_poses.base_T_gripper)
     noise = np.random.default_rng(0).normal(0.0, 0.3, (int(second.sum()), 6))

@@ -1,12 +1,10 @@
 """From matches that fall into two parts to one model: mapping, the folder on disk, and the robot."""
 
-import importlib
-import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 
 from handeye_fg import frames
@@ -14,8 +12,6 @@ from handeye_fg.inputs import Inputs
 from handeye_fg.options import Options
 from handeye_fg.progress import silent
 from handeye_fg.scene import find_scene
-from handeye_fg.sfm.stages import Stage, open_stage
-from handeye_fg.sfm.tracks import _fill as fill_with_tracks
 from handeye_fg.simulate import Scene, simulate_scene
 
 N, SECOND = 13, 7  # images, and where the second part starts
@@ -29,40 +25,16 @@ def scene() -> Scene:
 
 
 @pytest.fixture
-def inputs(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Inputs:
-    tracks, names = scene.model.tracks, scene.model.names
+def inputs(scene: Scene, from_matches: Callable[..., Inputs]) -> Inputs:
+    tracks = scene.model.tracks
     apart = tracks.image_index >= SECOND
-    database = tmp_path / "tracks.db"
-    fill_with_tracks(
-        database,
-        names,
+    return from_matches(
+        scene.robot_poses,
+        scene.model.names,
         tracks.image_index,
         tracks.point_index + apart * len(tracks.points_world),
         tracks.pixels,
         {".": scene.camera},
-    )
-    options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = 0
-    pycolmap.geometric_verification(database, two_view_geometry_options=options)
-    for name in names:
-        (tmp_path / name).write_bytes(name.encode())
-
-    def matched(task, _sensitivity) -> Stage:
-        def build(stage: Path, _older) -> dict[str, object]:
-            shutil.copyfile(database, stage / "database.db")
-            return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
-
-        return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
-
-    monkeypatch.setattr(importlib.import_module("handeye_fg.sfm.reconstruct"), "_matched", matched)
-    return Inputs(
-        images=tmp_path,
-        names=names,
-        left_out=(),
-        poses=scene.robot_poses,
-        cameras={".": scene.camera},
-        masks=None,
-        digest="",
     )
 
 
