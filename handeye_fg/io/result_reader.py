@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -11,6 +12,7 @@ from handeye_fg.findings import FreeDirection, LinearStart, NoiseLevels, SecondS
 from handeye_fg.io.accuracy import read_accuracy
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.io.certainty import read_certainty
+from handeye_fg.io.earlier import completed, may_lack
 from handeye_fg.io.fields import Fields, finite, reason, shown
 from handeye_fg.io.files import read_text
 from handeye_fg.io.holdout import read_holdout
@@ -82,7 +84,7 @@ def from_document(document: object, where: str = "result document") -> Result:
         where: its name in error messages.
 
     Returns:
-        The result.
+        The result; what an earlier version did not write is unknown (None).
 
     Raises:
         InputDataError: the document is of another version, of a failed calibration, or breaks the
@@ -92,7 +94,11 @@ def from_document(document: object, where: str = "result document") -> Result:
         raise InputDataError(
             f"{where}: found {shown(document)}, but wanted an object; give a result.json"
         )
-    fields = Fields(where=where, remedy="calibrate again to write a valid file", values=document)
+    fields = Fields(
+        where=where,
+        remedy="calibrate again to write a valid file",
+        values=cast("Mapping[str, object]", completed(document)),
+    )
     fields.text("schema_version", (SCHEMA_VERSION,))
     setup = cast("Setup", fields.text("setup", get_args(Setup)))
     status = fields.text("status", ("ok", "partial", "failed"))
@@ -151,16 +157,19 @@ def from_document(document: object, where: str = "result document") -> Result:
 
 
 def _check_agrees(found: object, wanted: object, fields: Fields, key: str) -> None:
-    """Refuse missing and unknown keys, and figures that contradict the ones they derive from."""
+    """Refuse missing and unknown keys, and figures that contradict the ones they derive from.
+
+    What earlier versions did not write may be missing.
+    """
     problem = ""
     if isinstance(wanted, dict) and isinstance(found, dict):
-        strange = set(found) ^ set(wanted)
+        strange = (set(found) ^ set(wanted)) - (may_lack(key) - set(found))
         if strange:
             name = min(strange, key=str)
             problem = f"{shown(name)} is {'an unknown key' if name in found else 'missing'}"
         else:
-            for name, value in wanted.items():
-                _check_agrees(found[name], value, fields, f"{key}.{name}".lstrip("."))
+            for name in (name for name in wanted if name in found):
+                _check_agrees(found[name], wanted[name], fields, f"{key}.{name}".lstrip("."))
     elif isinstance(wanted, list) and isinstance(found, list):
         if len(found) != len(wanted):
             problem = f"it has {len(found)} items, but must have {len(wanted)}"

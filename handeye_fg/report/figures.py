@@ -138,21 +138,29 @@ def _influence(result: Result) -> Drawing | None:
         return None
     shown = sorted(shown, key=lambda image: image.influence_translation or 0.0, reverse=True)
     names = shown[:MOST_NAMES]
-    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    grown = [image for image in shown if image.std_growth is not None]  # not of earlier versions
+    figure = Figure(figsize=(WIDTH, 3.6 if grown else 2.2), layout="constrained")
+    upper, *lower = figure.subplots(2 if grown else 1, 1, sharex=True, squeeze=False)[:, 0]
     millimetres = [1000.0 * (image.influence_translation or 0.0) for image in names]
     bars(upper, names, millimetres, "X moves, mm")
-    bars(lower, names, [100.0 * (image.std_growth or 0.0) for image in names], "std grows, %")
-    name_axis(lower, names)
-    richest = max(shown, key=lambda image: image.std_growth or 0.0)
+    for axes in lower:
+        bars(axes, names, [100.0 * (image.std_growth or 0.0) for image in names], "std grows, %")
+    name_axis((upper, *lower)[-1], names)
+    caption = "Without a pose: how far X would move, the most influential first"
+    largest = f"{wording.number(millimetres[0])} mm at {wording.printable(names[0].name)}"
+    if grown:
+        richest = max(grown, key=lambda image: image.std_growth or 0.0)
+        caption += ", and by how much the standard deviation of X would grow in the direction that loses most"
+        largest += (
+            f", {wording.number(100.0 * (richest.std_growth or 0.0), 0)} % at "
+            f"{wording.printable(richest.name)}"
+        )
     return Drawing(
         figure=figure,
         name="influence",
         title="Which poses carry the result",
-        caption="Without a pose: how far X would move, the most influential first, and by how much the standard deviation "
-        f"of X would grow in the direction that loses most. Largest: {wording.number(millimetres[0])} mm at "
-        f"{wording.printable(names[0].name)}, {wording.number(100.0 * (richest.std_growth or 0.0), 0)} % at "
-        f"{wording.printable(richest.name)}. Where one pose is far above the others, X rests on it: take more images like it.",
+        caption=f"{caption}. Largest: {largest}. Where one pose is far above the others, X rests on it: take "
+        "more images like it.",
     )
 
 
