@@ -151,6 +151,8 @@ def _text(plan: "Plan", path: Path) -> str:
     lines = [wording.printable(plan.message), ""]
     if plan.present is not None:
         lines.append(_row("now", plan.present))
+    if plan.kept_out is not None:
+        lines.append(_row("with those kept out", plan.kept_out.used))
     if len(plan.expected) < len(plan.names):  # a first set
         lines.append(_row("with all of them", plan.expected[-1]))
     else:
@@ -181,6 +183,13 @@ def _document(plan: "Plan") -> dict[str, object]:
         ],
         "present": None if plan.present is None else _stds(plan.present),
         "expected": [_stds(expected) for expected in plan.expected],
+        "kept_out": None
+        if plan.kept_out is None
+        else {
+            "count": plan.kept_out.count,
+            "used": _stds(plan.kept_out.used),
+            "unused": _stds(plan.kept_out.unused),
+        },
     }
 
 

@@ -6,7 +6,7 @@ Entry points: ``plan`` (after a calibration) and ``plan_first`` (before the firs
 from handeye_fg.planning.arm import Arm, read_arm
 from handeye_fg.planning.expected import Expected
 from handeye_fg.planning.next_poses import USUAL_NOISE, plan, plan_first
-from handeye_fg.planning.planned import Plan
+from handeye_fg.planning.planned import KeptOut, Plan
 from handeye_fg.planning.reach import Both, Reach, Workspace
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Arm",
     "Both",
     "Expected",
+    "KeptOut",
     "Plan",
     "Reach",
     "Workspace",

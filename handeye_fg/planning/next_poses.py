@@ -1,6 +1,7 @@
 """Which poses to take next; entry points ``plan`` and ``plan_first``."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -17,7 +18,7 @@ from handeye_fg.io.results import Result
 from handeye_fg.planning.candidates import Candidates, candidates, joined, nearby
 from handeye_fg.planning.design import best, pose_information, prior_information
 from handeye_fg.planning.expected import Expected, corrected, of_model, of_result
-from handeye_fg.planning.planned import Plan, planned
+from handeye_fg.planning.planned import KeptOut, Plan, planned
 from handeye_fg.planning.reach import Reach, Workspace
 from handeye_fg.planning.situation import Situation, assumed_situation, situation_of
 from handeye_fg.priors import AnyPrior, PosePrior, Prior
@@ -51,6 +52,8 @@ def plan(
     seed: int = 0,
 ) -> Plan:
     """The poses that make the X of a calibration most certain.
+
+    Robot poses that were kept out of X for a proof of it count as poses to use: their images are there.
 
     Args:
         result: the calibration, or the folder of its output.
@@ -97,12 +100,22 @@ def plan(
     options, chosen = _chosen(rng, there, count, reach or Workspace.around(there.taken))
     reported = [of_result(one) for one in result.cameras or (result,)]
     white = result.certainty is None or result.certainty.robot.white
-    now, *later = (_expected(there, options, chosen[:k]) for k in range(len(chosen) + 1))
-    expected = [
-        [corrected(*one, white=white) for one in zip(reported, now, with_these, strict=True)]
-        for with_these in later
-    ]
+    seen = replace(there, trusted=there.trusted & ~there.kept_out)  # by the X that is reported
+    now = _expected(seen, options, chosen[:0])
+
+    def later(these: Indices, *, of: Situation = there) -> list[Expected]:
+        found = _expected(of, options, these)
+        return [corrected(*one, white=white) for one in zip(reported, now, found, strict=True)]
+
+    expected = [later(chosen[: k + 1]) for k in range(len(chosen))]
     worst = _least_certain(expected[-1], there.sight.standoff)
+    kept_out = None
+    if there.kept_out.any():
+        kept_out = KeptOut(
+            count=int(np.count_nonzero(there.kept_out)),
+            used=later(chosen[:0])[worst],
+            unused=later(chosen, of=seen)[worst],
+        )
     return planned(
         options,
         chosen,
@@ -110,6 +123,7 @@ def plan(
         tuple(one[worst] for one in expected),
         f"next_{{:03d}}{suffix}",
         there.names[worst],
+        kept_out,
     )
 
 

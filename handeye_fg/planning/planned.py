@@ -10,6 +10,21 @@ from handeye_fg.types import Indices, frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KeptOut:
+    """Robot poses that were kept out of X, and can be used without taking an image.
+
+    Attributes:
+        count: how many.
+        used: how certain X is going to be with them, before any other pose is taken.
+        unused: how certain with all of the planned poses, if these are kept out again.
+    """
+
+    count: int
+    used: Expected
+    unused: Expected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
     """Poses to take, the one that helps most first.
 
@@ -18,10 +33,12 @@ class Plan:
         base_T_gripper: the poses (k, 4, 4), metres.
         visible: part (k,) of the scene's points that the images there are expected to see.
         present: how certain X is now; None before the first images.
-        expected: how certain X is going to be with the first, the first two, ... of the poses.
+        expected: how certain X is going to be with the first, the first two, ... of the poses, and with those
+            that were kept out of it.
         message: what comes of it, in words.
         camera: of several cameras the one that is least certain in the end, of which ``present`` and ``expected``
             are; "" of one.
+        kept_out: robot poses that have images, but were kept out of X; None where none were.
     """
 
     names: tuple[str, ...]
@@ -31,6 +48,7 @@ class Plan:
     expected: tuple[Expected, ...]
     message: str
     camera: str = ""
+    kept_out: KeptOut | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -45,6 +63,7 @@ def planned(
     expected: tuple[Expected, ...],
     name: str,
     camera: str = "",
+    kept_out: KeptOut | None = None,
 ) -> Plan:
     """The plan of some of the poses that may be taken.
 
@@ -55,6 +74,7 @@ def planned(
         expected: with the first, the first two, ... of them; or with all.
         name: of their images, with a place for the number.
         camera: of several cameras the one of which this is.
+        kept_out: robot poses that were kept out of X; None where none were.
     """
     return Plan(
         names=tuple(name.format(k + 1) for k in range(len(chosen))),
@@ -62,13 +82,18 @@ def planned(
         visible=options.visible[chosen].any(axis=1).mean(axis=1),
         present=present,
         expected=expected,
-        message=_message(len(chosen), present, expected, camera),
+        message=_message(len(chosen), present, expected, camera, kept_out),
         camera=camera,
+        kept_out=kept_out,
     )
 
 
 def _message(
-    count: int, present: Expected | None, expected: Sequence[Expected], camera: str
+    count: int,
+    present: Expected | None,
+    expected: Sequence[Expected],
+    camera: str,
+    kept_out: KeptOut | None,
 ) -> str:
     """What comes of it, in words."""
     last = expected[-1]
@@ -77,6 +102,14 @@ def _message(
         f"standard deviations {f'of {camera}, the least certain of the cameras, ' if camera else ''}are expected to be {_worst(last)}"
         + (f"; they are {_worst(present)} now." if present is not None else ".")
     ]
+    if kept_out is not None:
+        one = kept_out.count == 1
+        parts.append(
+            f"This counts in the {'robot pose' if one else f'{kept_out.count} robot poses'} that --holdout kept out "
+            f"of X: {'its image is' if one else 'their images are'} there, and a calibration without --holdout is "
+            f"expected to bring X to {_worst(kept_out.used)} before any pose is taken. Kept out again, "
+            f"{'it leaves' if one else 'they leave'} {_worst(kept_out.unused)} in the end."
+        )
     if present is not None and present.free_directions:
         parts += [direction.description for direction in present.free_directions]
         complete = [k for k, one in enumerate(expected, 1) if not one.free_directions]

@@ -1,6 +1,7 @@
 """What is there before a plan: the scene, the camera, the images taken; from a result, or assumed."""
 
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -42,7 +43,8 @@ class Situation:
         names: of several cameras; ("",) of one.
         scene_T_camera: where images were taken (n, 4, 4), in the scene's frame, metres.
         rig: which camera took an image, and at which robot pose.
-        trusted: (r,) which robot poses are used.
+        trusted: (r,) which robot poses are used, or may be.
+        kept_out: (r,) which of them X has not seen, for a proof of it.
         image_index, point_index: which image saw which point (m,).
         levels: of each camera (k,) the standard deviation of its observations, relative to the noise's.
         sample: how many observations each of them stands for.
@@ -58,6 +60,7 @@ class Situation:
     scene_T_camera: Array
     rig: Rig
     trusted: NDArray[np.bool_]
+    kept_out: NDArray[np.bool_]
     image_index: Indices
     point_index: Indices
     levels: Array
@@ -120,9 +123,9 @@ def situation_of(
     taken_by = np.array([index[folder_of(name)] if several else 0 for name in model.names])
     grippers = gripper_pose(placed, X[taken_by], static=static)
     rig = Rig(n_cameras=len(X), camera=taken_by, pose=_same_pose(model.names, grippers))
-    outliers = {image.name for image in result.images if image.outlier}
-    trusted = np.ones(int(rig.pose.max()) + 1, dtype=bool)
-    trusted[rig.pose[[name in outliers for name in model.names]]] = False
+    held = result.holdout
+    unseen = set() if held is None or held.new_images else {image.name for image in held.images}
+    trusted = ~_poses_of(rig, model.names, {image.name for image in result.images if image.outlier})
     tracks, sample = _thinned(rng, _clean(model.tracks, placed, points, lenses, taken_by))
     sights = tuple(_sight(tracks, placed, lens) for lens in lenses)
     visible = sum(
@@ -135,6 +138,7 @@ def situation_of(
         scene_T_camera=placed,
         rig=rig,
         trusted=trusted,
+        kept_out=_poses_of(rig, model.names, unseen),
         image_index=tracks.image_index,
         point_index=tracks.point_index,
         levels=levels,
@@ -145,6 +149,13 @@ def situation_of(
         refine_intrinsics=refined,
         priors=priors,
     )
+
+
+def _poses_of(rig: Rig, names: Sequence[str], wanted: AbstractSet[str]) -> NDArray[np.bool_]:
+    """Which robot poses (r,) are those of some of the images."""
+    found = np.zeros(int(rig.pose.max()) + 1, dtype=bool)
+    found[rig.pose[[name in wanted for name in names]]] = True
+    return found
 
 
 def _same_pose(names: Sequence[str], base_T_gripper: Array) -> Indices:
@@ -197,6 +208,7 @@ def assumed_situation(
         scene_T_camera=np.zeros((0, 4, 4)),
         rig=Rig.of_one_camera(0),
         trusted=np.zeros(0, dtype=bool),
+        kept_out=np.zeros(0, dtype=bool),
         image_index=none,
         point_index=none,
         levels=np.ones(1),

@@ -143,6 +143,37 @@ def test_several_cameras():
             np.testing.assert_allclose(getattr(expected, name), getattr(reported, name), rtol=0.3)
 
 
+def test_poses_that_were_kept_out_can_be_used(tmp_path, capsys):
+    whole = calibrated(tmp_path / "whole", n_images=12)
+    held = calibrated(tmp_path / "held", n_images=12, holdout=0.34)
+    found = plan(tmp_path / "held", count=2, reach=WIDE)
+    assert found.kept_out.count == 4
+    assert found.present.std_translation_mm == of_result(held).std_translation_mm
+    # Without any new image: what a calibration from all of them reports, but for the levels of noise that it finds.
+    levels = whole.noise.robot_translation / held.noise.robot_translation
+    used, unused = found.kept_out.used, found.kept_out.unused
+    expected = levels * np.array(used.std_translation_mm)
+    np.testing.assert_allclose(expected, of_result(whole).std_translation_mm, rtol=0.25)
+    worst = [one.worst[1] for one in (found.present, used, *found.expected)]
+    assert worst == sorted(worst, reverse=True)
+    assert found.expected[-1].worst[1] < unused.worst[1] < found.present.worst[1]
+    assert "the 4 robot poses that --holdout kept out of X: their images are there" in found.message
+    # None of them is proposed again, and new images of a proof are none of the reconstruction's.
+    there = situation_of(np.random.default_rng(0), held, read_model(tmp_path / "held" / "sfm"))
+    names = [image.name for image in held.holdout.images]
+    assert names == [held.images[i].name for i in np.flatnonzero(there.kept_out)]
+    assert len(there.taken) == 12
+    proof = replace(held, holdout=replace(held.holdout, new_images=True))
+    for none in (proof, whole):
+        there = situation_of(np.random.default_rng(0), none, read_model(tmp_path / "held" / "sfm"))
+        assert not there.kept_out.any()
+    flags = ["--count", "1", "--workspace", "0", "-0.6", "0", "1", "0.6", "0.9", "--json"]
+    assert cli.main(["plan", str(tmp_path / "held"), *flags]) == 0
+    told = capsys.readouterr()
+    assert "with those kept out" in told.err
+    assert json.loads(told.out)["kept_out"]["count"] == 4
+
+
 def test_errors_that_are_not_white_stay(folder):
     result = hf.load_result(folder)
     found = plan(folder, count=1, reach=WIDE)
