@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from handeye_fg import frames
 from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
 from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result
@@ -26,21 +25,22 @@ from handeye_fg.report.drawing import (
     style,
 )
 from handeye_fg.report.ellipses import ellipses
+from handeye_fg.report.placed import placed
 from handeye_fg.report.scene_figures import convergence, histograms, image_plane
 
 
 def drawings(result: Result) -> tuple[Drawing, ...]:
     """All figures that the result has data for."""
-    placed = tuple(image for image in result.images if image.base_T_camera is not None)
+    shown = tuple(image for image in result.images if image.base_T_camera is not None)
     with style():
         candidates = (
             _over_distance(result),
             ellipses(result),
             _residuals(result),
-            _centres(result, placed),
+            _centres(result),
             histograms(result),
             image_plane(result),
-            _reprojection(placed),
+            _reprojection(shown),
             _influence(result),
             _correlations(result),
             convergence(result),
@@ -164,14 +164,14 @@ def _influence(result: Result) -> Drawing | None:
     )
 
 
-def _centres(result: Result, images: Sequence[ImageReport]) -> Drawing | None:
-    if not images or result.setup != "eye-in-hand":
+def _centres(result: Result) -> Drawing | None:
+    shown = placed(result)
+    if not shown or result.setup != "eye-in-hand":
         return None
-    base_T_camera = np.array([image.base_T_camera for image in images])
-    base_T_gripper = base_T_camera @ frames.inverse(result.matrix)
-    cameras, grippers = base_T_camera[:, :3, 3], base_T_gripper[:, :3, 3]
+    cameras = np.array([one.centre for one in shown])
+    grippers = np.array([one.gripper for one in shown])
     extent = float(np.ptp(np.concatenate([cameras, grippers]), axis=0).max())
-    ends = cameras + 0.12 * extent * base_T_camera[:, :3, 2]
+    ends = cameras + 0.12 * extent * np.array([one.pose[:3, 2] for one in shown])
 
     figure = Figure(figsize=(WIDTH, 3.8), layout="constrained")
     # Any: the 3D axes of matplotlib are found by a name, their type is not in its stubs.

@@ -6,21 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from handeye_fg import frames
 from handeye_fg.frames import Array
-from handeye_fg.io.camera_results import std_translation_mm
+from handeye_fg.io.camera_results import Uncertain, std_translation_mm
 from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result
 from handeye_fg.report import wording
+from handeye_fg.report.placed import Placed, placed
 
 Trace = dict[str, object]
 
-_FRUSTUM = 0.06  # length of a camera's pyramid, part of the extent of the cameras
+# Length of a camera's pyramid, part of the extent of the cameras, if it were alone: of many each is smaller.
+_FRUSTUM, _LONGEST_FRUSTUM = 0.5, 0.15
 _AXES = 0.15  # of the frames' axes
 _ELLIPSOID = 0.05  # largest half axis of the drawn ellipsoids
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
 # Points further from the middle than so many times the distance within which so many are make all others small.
-_FAR, _MOST = 1.3, 0.95
+_FAR, _MOST = 1.5, 0.95
 
 
 def view(result: Result) -> dict[str, object] | None:
@@ -28,43 +29,42 @@ def view(result: Result) -> dict[str, object] | None:
 
     Colours are names of the page's own colours, which it fills in.
     """
-    placed = [image for image in result.images if image.base_T_camera is not None]
-    if not placed:
+    shown = placed(result)
+    if not shown:
         return None
     moving = result.setup == "eye-to-hand"
-    poses = np.array([_pose(image) for image in placed])
-    centres = poses[:, :3, 3]
+    centres = np.array([one.centre for one in shown])
     extent = max(float(np.ptp(centres, axis=0).max()), 1e-3)
-    grippers = poses @ frames.inverse(result.matrix)
+    corners = _corners(shown, extent)
     traces = [
-        *_points(result, centres, extent),
+        *_points(result, centres),
         _frame("base" if not moving else "gripper", np.eye(4), _AXES * extent),
-        _frusta(poses, _FRUSTUM * extent, result),
-        _cameras(placed, centres),
+        _frusta(centres, corners),
+        _cameras(shown, centres),
     ]
     if not moving:
-        traces += [_links(centres, grippers[:, :3, 3]), _grippers(placed, grippers[:, :3, 3])]
-    ellipsoids, magnified = _ellipsoids(result, poses, _ELLIPSOID * extent)
+        grippers = np.array([one.gripper for one in shown])
+        traces += [_links(centres, grippers), _grippers(shown, grippers)]
+    ellipsoids, magnified = _ellipsoids(shown, _ELLIPSOID * extent)
     traces += ellipsoids
     thumbnails = {} if result.scene is None else result.scene.thumbnails
+    told = [_told(one.image) for one in shown]
     return {
         "traces": traces,
         "pictures": [
-            base64.b64encode(thumbnails[image.name]).decode() if image.name in thumbnails else None
-            for image in placed
+            base64.b64encode(thumbnails[one.image.name]).decode()
+            if one.image.name in thumbnails
+            else None
+            for one in shown
         ],
-        "names": [wording.printable(image.name) for image in placed],
-        "told": [": ".join((_told(image)[0], ", ".join(_told(image)[1:]))) for image in placed],
-        "bad": [image.outlier for image in placed],
+        "corners": np.round(corners, 6).tolist(),
+        "names": [wording.printable(one.image.name) for one in shown],
+        "told": [": ".join((parts[0], ", ".join(parts[1:]))) for parts in told],
+        "hover": [_hover(one.image) for one in shown],
+        "bad": [one.image.outlier for one in shown],
         "centres": np.round(centres, 6).tolist(),
         "caption": _caption(result, magnified),
     }
-
-
-def _pose(image: ImageReport) -> Array:
-    """Where an image was taken: in the base; where the camera stands still, in the gripper."""
-    pose = image.base_T_camera if image.gripper_T_camera is None else image.gripper_T_camera
-    return np.asarray(pose)
 
 
 def _lines(segments: Sequence[Array], name: str, colour: str, width: float) -> Trace:
@@ -104,7 +104,7 @@ def _coordinates(points: Array) -> dict[str, object]:
     }
 
 
-def _points(result: Result, centres: Array, extent: float) -> list[Trace]:
+def _points(result: Result, centres: Array) -> list[Trace]:
     if result.scene is None:
         return []
     points = result.scene.points
@@ -112,8 +112,7 @@ def _points(result: Result, centres: Array, extent: float) -> list[Trace]:
         return []
     middle = np.median(np.concatenate([points, centres]), axis=0)
     away = np.linalg.norm(points - middle, axis=1)
-    reach = max(extent, _FAR * float(np.quantile(away, _MOST)))
-    near = points[away < reach]
+    near = points[away <= _FAR * float(np.quantile(away, _MOST))]
     return [_markers(near, "scene points", "muted", 1.2, "circle", ())]
 
 
@@ -124,33 +123,29 @@ def _frame(name: str, pose: Array, length: float) -> Trace:
     )
 
 
-def _frusta(poses: Array, length: float, result: Result) -> Trace:
+def _corners(shown: Sequence[Placed], extent: float) -> Array:
+    """Corners (n, 4, 3) of the images where their cameras' pyramids end."""
+    size = extent * min(_LONGEST_FRUSTUM, _FRUSTUM / np.sqrt(len(shown)))
+    return np.array([one.corners(size) for one in shown])
+
+
+def _frusta(centres: Array, corners: Array) -> Trace:
     """The pyramid that each camera looks through."""
-    camera = result.camera
-    half = (0.5, 0.4)
-    if camera is not None:
-        half = (0.5 * camera.width / camera.params[0], 0.5 * camera.height / camera.params[0])
-    corners = length * np.array([[sx * half[0], sy * half[1], 1.0] for sx, sy in _CORNERS])
-    apex = np.zeros(3)
-    outline = np.array(
-        [apex, corners[0], corners[1], apex, corners[2], corners[3], apex, corners[3]]
-    )
-    outline = np.vstack([outline, corners[0], corners[1], corners[2]])
-    segments = [outline @ pose[:3, :3].T + pose[:3, 3] for pose in poses]
+    segments = [
+        np.stack([apex, a, b, apex, c, d, apex, d, a, b, c])
+        for apex, (a, b, c, d) in zip(centres, corners, strict=True)
+    ]
     return _lines(segments, "views", "second", 2)
 
 
-_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+def _cameras(shown: Sequence[Placed], centres: Array) -> Trace:
+    colours = ["bad" if one.image.outlier else "second" for one in shown]
+    return _markers(centres, "cameras", colours, 4, "circle", [_hover(one.image) for one in shown])
 
 
-def _cameras(placed: Sequence[ImageReport], centres: Array) -> Trace:
-    colours = ["bad" if image.outlier else "second" for image in placed]
-    return _markers(centres, "cameras", colours, 4, "circle", [_hover(image) for image in placed])
-
-
-def _grippers(placed: Sequence[ImageReport], origins: Array) -> Trace:
-    colours = ["bad" if image.outlier else "first" for image in placed]
-    return _markers(origins, "gripper", colours, 4, "square", [_hover(image) for image in placed])
+def _grippers(shown: Sequence[Placed], origins: Array) -> Trace:
+    colours = ["bad" if one.image.outlier else "first" for one in shown]
+    return _markers(origins, "gripper", colours, 4, "square", [_hover(one.image) for one in shown])
 
 
 def _links(centres: Array, origins: Array) -> Trace:
@@ -178,20 +173,32 @@ def _hover(image: ImageReport) -> str:
     return "<br>".join(html.escape(part, quote=False) for part in _told(image))
 
 
-def _ellipsoids(result: Result, poses: Array, size: float) -> tuple[list[Trace], float]:
+def _ellipsoids(shown: Sequence[Placed], size: float) -> tuple[list[Trace], float]:
     """One standard deviation of X's position at each camera, magnified; and by how much."""
-    if result.covariance is None or any(std is None for std in std_translation_mm(result)):
-        return [], 0.0
-    values, vectors = np.linalg.eigh(result.covariance[3:, 3:])
-    axes = vectors * np.sqrt(np.maximum(values, 0.0))
-    longest = float(np.sqrt(max(values[-1], 0.0)))
+    axes = [_half_axes(one.camera) for one in shown]
+    longest = max(
+        (float(np.linalg.norm(a, axis=0).max()) for a in axes if a is not None), default=0.0
+    )
     if longest == 0.0:
         return [], 0.0
     magnified = float(f"{size / longest:.1g}")
-    circle = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
-    rings = [magnified * circle @ axes[:, [i, j]].T for i, j in ((0, 1), (0, 2), (1, 2))]
-    segments = [ring @ pose[:3, :3].T + pose[:3, 3] for pose in poses for ring in rings]
+    circle = magnified * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
+    segments = [
+        circle @ a[:, pair].T @ one.pose[:3, :3].T + one.centre
+        for one, a in zip(shown, axes, strict=True)
+        if a is not None
+        for pair in ([0, 1], [0, 2], [1, 2])
+    ]
     return [_lines(segments, "uncertainty of X, magnified", "first", 1)], magnified
+
+
+def _half_axes(camera: Uncertain) -> Array | None:
+    """Half axes (3, 3), as columns, of the ellipsoid of its position in its frame; None where one is free."""
+    if camera.covariance is None or any(std is None for std in std_translation_mm(camera)):
+        return None
+    values, vectors = np.linalg.eigh(camera.covariance[3:, 3:])
+    axes: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return axes
 
 
 def _caption(result: Result, magnified: float) -> str:

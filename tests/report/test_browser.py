@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from markdown_it import MarkdownIt
-from PIL import Image
+from PIL import Image, ImageColor
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from pypdf import PdfReader
 
@@ -246,6 +246,63 @@ _ON_SCREEN = """
   const box = place.querySelector("canvas").getBoundingClientRect();
   return [box.left + (0.5 + 0.5 * x / w) * box.width, box.top + (0.5 - 0.5 * y / w) * box.height];
 }
+"""
+
+
+def test_an_image_stands_before_its_camera(
+    browser: Browser, result: Result, tmp_path: Path
+) -> None:
+    """Upright and not mirrored, with its name; the legend puts it away."""
+    colours = {
+        (0.25, 0.25): "red",
+        (0.75, 0.25): "lime",
+        (0.25, 0.75): "blue",
+        (0.75, 0.75): "yellow",
+    }
+    with Image.new("RGB", (128, 96)) as picture, BytesIO() as buffer:
+        for (right, down), name in colours.items():
+            corner = round(128 * right) - 32, round(96 * down) - 24
+            picture.paste(name, (*corner, corner[0] + 64, corner[1] + 48))
+        picture.save(buffer, "JPEG")
+        thumbnail = buffer.getvalue()
+    image, camera = result.images[3], result.camera
+    write_report(with_scene(result, {image.name: thumbnail}), tmp_path)
+    fx, fy, cx, cy = camera.params[:4]
+    with opened(browser, tmp_path / "report.html") as (page, troubles):
+        switch = page.locator("#view .traces", has_text="images").locator(".legendtoggle")
+        for shown in ("'legendonly'", "true"):
+            switch.click()
+            wait_until(page, f"{_IMAGES} === {shown}")
+        # Alone, seen from behind the camera and a little aside.
+        page.evaluate(_ALONE)
+        eye = image.base_T_camera[:3, :3] @ [0.1, -0.2, -1.5]
+        page.evaluate(
+            "eye => Plotly.relayout('view', {'scene.camera.eye': eye})",
+            dict(zip("xyz", eye, strict=True)),
+        )
+        page.locator("#view").scroll_into_view_if_needed()
+        page.wait_for_timeout(500)
+        seen, box = pixels(page), page.locator("#view").bounding_box()
+        corner = page.evaluate(
+            "JSON.parse(document.getElementById('view-data').textContent).corners[3][0]"
+        )
+        depth = (np.array(corner) - image.base_T_camera[:3, 3]) @ image.base_T_camera[:3, 2]
+        for (right, down), name in colours.items():
+            ray = [(right * camera.width - cx) / fx, (down * camera.height - cy) / fy, 1.0]
+            point = image.base_T_camera[:3, :3] @ ray * depth + image.base_T_camera[:3, 3]
+            x, y = page.evaluate(_ON_SCREEN, point.tolist())
+            found = seen[round(y - box["y"]), round(x - box["x"])]
+            assert np.abs(found - ImageColor.getrgb(name)).max() < 60, (name, found)
+            page.mouse.move(x - 3, y - 3)
+            page.mouse.move(x, y, steps=5)
+            expect(page.locator("#view .hovertext").first).to_contain_text(image.name)
+        assert troubles == []
+
+
+_IMAGES = "document.getElementById('view')._fullData.find(trace => trace.name === 'images').visible"
+_ALONE = """
+Plotly.restyle("view", { visible: false },
+    document.getElementById("view").data.flatMap((trace, i) => trace.name === "images" ? [] : [i]))
 """
 
 

@@ -31,9 +31,12 @@
   const content = JSON.parse(document.getElementById("view-data").textContent);
   const told = document.getElementById("told");
   const strip = document.getElementById("strip");
+  const MOST_GRID = 60000;  // points of the grids of all images
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
-  const chosen = content.traces.length;  // the trace after all others
+  const chosen = content.traces.length;  // the trace after these
   let current = -1;
+  let planes = [];  // the trace of the images, once they are read
+  let owners = [];  // which image a point of theirs is of
 
   function colour(name) {
     return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -50,6 +53,56 @@
       };
     }
     return copied;
+  }
+
+  // Each picture as a grid of coloured points before its camera: the view has no images, but colours between points.
+  async function images() {
+    const read = (await Promise.all([...strip.children].map(grid))).filter((one) => one);
+    const x = [], y = [], z = [], i = [], j = [], k = [], vertexcolor = [], text = [];
+    for (const { index, columns, rows, pixels } of read) {
+      const [topLeft, topRight, , bottomLeft] = content.corners[index];
+      const first = x.length;
+      for (let row = 0; row < rows; row += 1) {
+        for (let column = 0; column < columns; column += 1) {
+          const right = column / (columns - 1), down = row / (rows - 1), pixel = 4 * (row * columns + column);
+          const at = topLeft.map((from, n) => from + right * (topRight[n] - from) + down * (bottomLeft[n] - from));
+          x.push(at[0]); y.push(at[1]); z.push(at[2]);
+          vertexcolor.push("rgb(" + pixels.subarray(pixel, pixel + 3).join() + ")");
+          text.push(content.hover[index]);
+          owners.push(index);
+          if (row + 1 === rows || column + 1 === columns) continue;
+          const corner = first + row * columns + column;
+          i.push(corner, corner + 1);
+          j.push(corner + 1, corner + columns + 1);
+          k.push(corner + columns, corner + columns);
+        }
+      }
+    }
+    if (!read.length) return [];
+    return [{
+      type: "mesh3d", name: "images", showlegend: true, hoverinfo: "text",
+      x, y, z, i, j, k, vertexcolor, text,
+      lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
+    }];
+  }
+
+  async function grid(button, index) {
+    const picture = button.querySelector("img");
+    if (!picture) return null;
+    try {
+      await picture.decode();
+    } catch {
+      return null;  // damaged
+    }
+    const { naturalWidth: width, naturalHeight: height } = picture;
+    const shrink = Math.min(1, Math.sqrt(MOST_GRID / strip.querySelectorAll("img").length / (width * height)));
+    const canvas = document.createElement("canvas");
+    const columns = canvas.width = Math.max(2, Math.round(shrink * width));
+    const rows = canvas.height = Math.max(2, Math.round(shrink * height));
+    const brush = canvas.getContext("2d", { willReadFrequently: true });
+    brush.imageSmoothingQuality = "high";
+    brush.drawImage(picture, 0, 0, columns, rows);
+    return { index, columns, rows, pixels: brush.getImageData(0, 0, columns, rows).data };
   }
 
   function ring() {
@@ -88,7 +141,7 @@
 
   function draw() {
     const options = { responsive: true, displayModeBar: false };
-    return Plotly.react(place, [...content.traces.map(coloured), ring()], layout(), options);
+    return Plotly.react(place, [...content.traces.map(coloured), ring(), ...planes], layout(), options);
   }
 
   function look(eye) {
@@ -149,10 +202,14 @@
     look(eye);
   });
 
-  draw().then(() => {
+  draw().then(images).then((read) => {
+    planes = read;
+    return draw();
+  }).then(() => {
     place.on("plotly_hover", (event) => {
       const point = event.points[0];
-      if (point.data.mode === "markers" && point.data.text) show(point.pointNumber);
+      if (point.data.type === "mesh3d") show(owners[point.pointNumber]);
+      else if (point.data.mode === "markers" && point.data.text) show(point.pointNumber);
     });
     place.dataset.drawn = "yes";
   });
