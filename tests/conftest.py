@@ -55,7 +55,8 @@ def from_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..
     """
     import pycolmap  # noqa: PLC0415  # for few tests
 
-    from handeye_fg.sfm.stages import Stage, open_stage  # noqa: PLC0415  # likewise
+    from handeye_fg.sfm.ladder import Matches  # noqa: PLC0415  # likewise
+    from handeye_fg.sfm.stages import open_stage  # noqa: PLC0415  # likewise
     from handeye_fg.sfm.tracks import _fill  # noqa: PLC0415  # likewise
 
     def inputs(
@@ -75,14 +76,15 @@ def from_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..
             (tmp_path / name).parent.mkdir(exist_ok=True)
             (tmp_path / name).write_bytes(name.encode())
 
-        def matched(task, _sensitivity) -> Stage:
+        def matched(task, _sensitivity) -> Matches:
             def build(stage: Path, _older) -> dict[str, object]:
                 shutil.copyfile(database, stage / "database.db")
                 return {"static_share": 0.0, "images": dict.fromkeys(names, "digest")}
 
-            return open_stage(task.stages, "matches", {"matching": 0, "geometry": 0}, build)
+            key = {"matching": 0, "geometry": 0}
+            return Matches(stage=open_stage(task.stages, "matches", key, build))
 
-        module = importlib.import_module("handeye_fg.sfm.reconstruct")
+        module = importlib.import_module("handeye_fg.sfm.ladder")
         monkeypatch.setattr(module, "_matched", matched)
         return Inputs(
             images=tmp_path,

@@ -72,6 +72,7 @@ def map_images(
     seed: int,
     progress: Progress,
     names: Sequence[str] = (),
+    begun: pycolmap.Reconstruction | None = None,
 ) -> list[pycolmap.Reconstruction]:
     """Reconstruct from the matches of a database.
 
@@ -85,6 +86,7 @@ def map_images(
         seed: of the random samples.
         progress: told "registered".
         names: the images to place; none: all.
+        begun: a model of some of the images, to which the others are added; None: it begins with a pair.
 
     Returns:
         The acceptable models, the largest first; they share few images or none.
@@ -98,7 +100,7 @@ def map_images(
         pipeline.ba_global_max_refinements = pipeline.ba_local_max_refinements = 1
         pipeline.ba_global_function_tolerance = _TOLERANCE
     pipeline.image_names = list(names)
-    registered = 0
+    registered = n_registered(begun)
 
     def pair_placed() -> None:
         nonlocal registered
@@ -111,6 +113,10 @@ def map_images(
     attempt = database.with_suffix(".attempt")
     shutil.rmtree(attempt, ignore_errors=True)  # of a run that was killed
     attempt.mkdir()
+    start = attempt / "begun"
+    if begun is not None:
+        start.mkdir()
+        begun.write(start)
     try:
         models = run_cancellable(
             lambda token: pycolmap.incremental_mapping(
@@ -118,6 +124,7 @@ def map_images(
                 images,
                 attempt,
                 pipeline,
+                input_path="" if begun is None else start,
                 initial_image_pair_callback=pair_placed,
                 next_image_callback=image_placed,
                 cancellation_token=token,

@@ -60,7 +60,7 @@ def match_by_robot(
     names: tuple[str, ...],
     guide: RobotGuide,
     map_some: Callable[[tuple[str, ...]], SfmModel | None],
-) -> None:
+) -> tuple[str, ...]:
     """Match the pairs of images that should see the same things, or all where that is not known.
 
     Args:
@@ -69,12 +69,16 @@ def match_by_robot(
         guide: what the robot knows.
         map_some: the model of some of the images from the matches so far.
 
+    Returns:
+        The images of which the model agreed with the robot, so that it chose the pairs; none: all were matched.
+
     Raises:
         ReconstructionError: COLMAP failed.
     """
     for beginning in beginnings(guide.base_T_gripper):
         matcher.match_pairs(_all_pairs(beginning))
-        model = map_some(tuple(names[i] for i in beginning.tolist()))
+        begun = tuple(names[i] for i in beginning.tolist())
+        model = map_some(begun)
         placed = None if model is None else guide.place(model)
         if model is None or placed is None:
             continue
@@ -86,9 +90,10 @@ def match_by_robot(
         doubtful = not_as_placed(matcher.database, chosen, placed, matcher.seed)
         if np.mean(doubtful) <= _MOST_DOUBTFUL:
             matcher.match_pairs(_pairs(doubtful | doubtful[:, None]))
-            return
+            return begun
         break
     matcher.match_all()
+    return ()
 
 
 def beginnings(base_T_gripper: Array) -> Iterator[Indices]:

@@ -43,7 +43,7 @@ def synthetic(folder: Path, model: str, params: list[float]) -> Path:
 
 
 def place(
-    database: Path, rung: Rung, file_camera: CameraModel | None = None, progress=silent
+    database: Path, rung: Rung, file_camera: CameraModel | None = None, progress=silent, **options
 ) -> pycolmap.Reconstruction | None:
     models = map_images(
         database,
@@ -53,6 +53,7 @@ def place(
         file_cameras=None if file_camera is None else {".": file_camera},
         seed=0,
         progress=progress,
+        **options,
     )
     return next(iter(models), None)
 
@@ -70,6 +71,27 @@ def test_fixed_intrinsics_stay_as_they_are(database: Path, relaxed: bool) -> Non
     assert {stage for stage, _, _ in told} == {"registered"}
     assert told[-1] == ("registered", 6, 6)
     assert [path.name for path in database.parent.iterdir()] == ["database.db"]
+
+
+def test_a_model_of_some_images_is_continued(
+    database: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pycolmap.Database.open(database) as db:
+        names = [image.name for image in db.read_all_images()][:3]
+    some = place(database, STRICT, camera(), names=names)
+    assert n_registered(some) == 3
+    real, continued = pycolmap.incremental_mapping, []
+
+    def spied(*arguments, input_path, **others) -> dict[int, pycolmap.Reconstruction]:
+        continued.extend(to_sfm_model(pycolmap.Reconstruction(input_path)).names)
+        return dict(real(*arguments, input_path=input_path, **others))
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", spied)
+    counted: list[int] = []
+    found = place(database, STRICT, camera(), lambda _, done, __: counted.append(done), begun=some)
+    assert continued == sorted(names)
+    assert n_registered(found) == 6
+    assert min(counted) >= 3
 
 
 def test_a_focal_length_far_from_the_files_is_refused(database: Path) -> None:

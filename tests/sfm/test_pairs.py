@@ -1,6 +1,7 @@
 """The pairs to match, by the robot: which images begin, and what happens where poses are wrong."""
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -38,6 +39,7 @@ class Recorder:
     seed: int = 0
     asked: list[set[tuple[int, int]]] = field(default_factory=list)
     all: bool = False
+    begun: tuple[str, ...] = ()
 
     def match_pairs(self, pairs: Array) -> None:
         self.asked.append(set(map(tuple, pairs.tolist())))
@@ -61,7 +63,7 @@ def synthetic(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 def matched(synthetic, place, map_some=None) -> Recorder:
     recorder = Recorder(synthetic.database)
-    match_by_robot(
+    recorder.begun = match_by_robot(
         cast("Matcher", recorder),
         synthetic.model.names,
         RobotGuide(base_T_gripper=synthetic.poses, place=place),
@@ -75,6 +77,7 @@ def test_few_pairs_are_matched(synthetic) -> None:
     assert not recorder.all
     beginning, chosen, doubtful = recorder.asked
     assert len(beginning) == 16 * 15 // 2
+    assert beginning == set(combinations(map(synthetic.model.names.index, recorder.begun), 2))
     assert 5 * N_IMAGES <= len(chosen) <= 10 * N_IMAGES
     assert doubtful == set()
 
@@ -91,7 +94,9 @@ def test_images_with_wrong_poses_are_matched_with_all(synthetic) -> None:
 
 def test_poses_of_no_use_mean_all_pairs(synthetic) -> None:
     shuffled = synthetic.poses[np.random.default_rng(0).permutation(N_IMAGES)]
-    assert matched(synthetic, lambda _: shuffled).all
+    recorder = matched(synthetic, lambda _: shuffled)
+    assert recorder.all
+    assert recorder.begun == ()
 
 
 @pytest.mark.parametrize("what", ["no model", "no agreement"])
@@ -104,6 +109,7 @@ def test_without_a_beginning_all_pairs_are_matched(synthetic, what: str) -> None
 
     recorder = matched(synthetic, lambda _: None, map_some)
     assert recorder.all
+    assert recorder.begun == ()
     assert len(tried) == len(set(tried)) == 2
 
 
