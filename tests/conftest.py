@@ -14,8 +14,10 @@ from filelock import FileLock
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
 from handeye_fg.types import CameraModel, Indices, RobotPoses
+from tabletop import TABLETOP
 
-ROOT = Path(__file__).parents[1]
+# What they assert tells the values, as in a module of tests.
+pytest.register_assert_rewrite("exact_poses", "export_readers", "pose_files", "pose_graphs")
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +46,7 @@ def calibrated_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., P
 @pytest.fixture(scope="session")
 def tabletop_output(calibrated_once: Callable[..., Path]) -> Path:
     """Output of ``calibrate`` for data/tabletop; not to be written to."""
-    return calibrated_once("tabletop", ROOT / "data" / "tabletop")
+    return calibrated_once("tabletop", TABLETOP)
 
 
 @pytest.fixture

@@ -8,22 +8,16 @@ import pytest
 from PIL import Image
 
 import handeye_fg as hf
+from example_cameras import SMALL
 from handeye_fg import frames, sfm
 from handeye_fg.parts import only
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.types import CameraModel
 
 
 @pytest.fixture
 def scene():
-    camera = CameraModel(
-        model="OPENCV",
-        width=64,
-        height=48,
-        params=np.array([55.0, 55.0, 32.2, 24.1, -0.05, 0.02, 1e-3, -1e-3]),
-    )
     return simulate_scene(
-        np.random.default_rng(0), n_images=9, n_points=80, camera=camera, pixel_sigma=0.01
+        np.random.default_rng(0), n_images=9, n_points=80, camera=SMALL, pixel_sigma=0.01
     )
 
 

@@ -1,9 +1,7 @@
 """Two results side by side: the probability is that of chance, whatever the frames and the free directions."""
 
 import json
-import runpy
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from example_results import make_result
 from handeye_fg import cli, frames
 from handeye_fg.comparison import compare
 from handeye_fg.errors import InputDataError
 from handeye_fg.findings import FreeDirection
 from handeye_fg.graph import refine, start_state
 from handeye_fg.io.camera_results import CameraReport
-from handeye_fg.io.results import Result
 from handeye_fg.observability import on_determined
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
@@ -25,12 +23,7 @@ from handeye_fg.simulate.scenes import default_camera, scene_of, truth_of
 from handeye_fg.solvers import linear_start
 
 X = frames.exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))
-RESULT: Result = replace(
-    # The tests are no package: the hand-made result of the report's tests is read from its file.
-    runpy.run_path(str(Path(__file__).parent / "report" / "conftest.py"))["make_result"](),
-    matrix=X,
-    provenance={"input_digest": "a"},
-)
+RESULT = make_result(matrix=X, provenance={"input_digest": "a"})
 HEIGHT = FreeDirection(
     kind="translation", vector=X[:3, 2], frame="gripper", description="Tilt the camera."
 )

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -13,15 +12,21 @@ import pytest
 
 from handeye_fg import frames
 from handeye_fg.io.results import result_schema
+from tabletop import TABLETOP
 
-DATA = Path(__file__).parents[1] / "data" / "tabletop"
-TRUTH = np.array(json.loads((DATA / "truth.json").read_text())["gripper_T_camera"])
+TRUTH = np.array(json.loads((TABLETOP / "truth.json").read_text())["gripper_T_camera"])
 
 
 def run(output, *arguments):
     command = [
         *(sys.executable, "-m", "handeye_fg", "calibrate"),
-        *(str(DATA / "images"), str(DATA / "poses.csv"), "--output", str(output), *arguments),
+        *(
+            str(TABLETOP / "images"),
+            str(TABLETOP / "poses.csv"),
+            "--output",
+            str(output),
+            *arguments,
+        ),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -59,7 +64,7 @@ def test_a_second_run_uses_the_reconstruction_again(tabletop_output, tmp_path):
     output = shutil.copytree(tabletop_output, tmp_path / "output")
     before = json.loads((output / "result.json").read_text())
     begin = time.perf_counter()
-    done = run(output, "--camera", str(DATA / "camera.yaml"), "--json")
+    done = run(output, "--camera", str(TABLETOP / "camera.yaml"), "--json")
     assert time.perf_counter() - begin < 60.0  # seconds, but for what else runs
     after = json.loads(done.stdout)
     assert after["timing_s"]["sfm"] < 5.0

@@ -1,6 +1,5 @@
 """The gripper's own fingers in every image, without masks: found, left out, and told."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -12,17 +11,12 @@ from numpy.typing import NDArray
 import handeye_fg as hf
 from handeye_fg import frames
 from handeye_fg.options import SfmOptions
+from tabletop import HALF_CAMERA, TABLETOP, TRUTH
+from tabletop import HALF_SIZE as SIZE
 
 pytestmark = pytest.mark.e2e
 
-TABLETOP = Path(__file__).parents[1] / "data" / "tabletop"
-N_IMAGES, SIZE = 8, (640, 480)
-CAMERA = hf.CameraModel(
-    model="OPENCV",
-    width=640,
-    height=480,
-    params=np.array([550.0, 550.275, 326.3728, 232.583, -0.06, 0.03, 4e-4, -3e-4]),
-)
+N_IMAGES = 8
 # Two fingers that hold a part between them: a third of the view.
 OUTLINES = (
     [(0.05, 1.0), (0.12, 0.4), (0.36, 0.4), (0.4, 1.0)],
@@ -60,14 +54,13 @@ def test_they_are_left_out_by_default(images: Path, tmp_path: Path) -> None:
     result = hf.calibrate(
         images,
         hf.read_poses(TABLETOP / "poses.csv"),
-        CAMERA,
+        HALF_CAMERA,
         options=hf.Options(sfm=SfmOptions(preset="fast", threads=1)),
         output=tmp_path,
     )
     assert "of the features stayed at their pixel while the robot turned" in result.message
     assert [image.name for image in result.images if image.outlier] == []
-    X = np.array(json.loads((TABLETOP / "truth.json").read_text())["gripper_T_camera"])
-    error = frames.log(frames.inverse(result.matrix) @ X)
+    error = frames.log(frames.inverse(result.matrix) @ TRUTH["gripper_T_camera"])
     assert np.rad2deg(np.linalg.norm(error[:3])) < 0.1
     assert np.linalg.norm(error[3:]) < 1e-3
     with pycolmap.Database.open(tmp_path / "sfm" / "database.db") as db:

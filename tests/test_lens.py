@@ -5,29 +5,9 @@ import numpy as np
 import pycolmap
 import pytest
 
+from example_cameras import PARAMS, PINHOLE, camera_of
 from handeye_fg.errors import InputDataError
 from handeye_fg.lens import MODELS, embedding, lens_of, refinable
-from handeye_fg.types import CameraModel
-
-PINHOLE = (820.0, 825.0, 483.0, 352.0)
-PARAMS = {
-    "SIMPLE_PINHOLE": (820.0, 483.0, 352.0),
-    "PINHOLE": PINHOLE,
-    "SIMPLE_RADIAL": (820.0, 483.0, 352.0, -0.1),
-    "RADIAL": (820.0, 483.0, 352.0, -0.1, 0.05),
-    "OPENCV": (*PINHOLE, -0.06, 0.03, 4e-3, -3e-3),
-    "FULL_OPENCV": (*PINHOLE, -0.2, 0.05, 1e-3, -2e-3, 0.08, 0.1, 0.05, -0.02),
-    "SIMPLE_FISHEYE": (420.0, 483.0, 352.0),
-    "FISHEYE": PINHOLE,
-    "SIMPLE_RADIAL_FISHEYE": (420.0, 483.0, 352.0, -0.04),
-    "RADIAL_FISHEYE": (420.0, 483.0, 352.0, -0.04, 0.01),
-    "OPENCV_FISHEYE": (*PINHOLE, 0.02, -0.01, 0.004, -0.001),
-}
-
-
-def camera(model, params=None):
-    values = PARAMS[model] if params is None else params
-    return CameraModel(model=model, width=960, height=720, params=np.array(values))
 
 
 def rays():
@@ -65,14 +45,14 @@ def gtsam_cameras():
 def test_projections_are_colmaps(model):
     native = pycolmap.Camera(model=model, width=960, height=720, params=PARAMS[model])
     expected = native.img_from_cam(np.column_stack([rays(), np.ones(len(rays()))]))
-    found = lens_of(camera(model)).pixels(*rays().T)
+    found = lens_of(camera_of(model)).pixels(*rays().T)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", gtsam_cameras())
 def test_projections_and_derivatives_are_gtsams(model):
     native, columns = gtsam_cameras()[model]
-    lens = lens_of(camera(model))
+    lens = lens_of(camera_of(model))
     by_ray = lens.by_ray(*rays().T) * lens.focal[:, None]
     by_params = lens.by_params(*rays().T) @ embedding(model)
     ours = [i for i, column in enumerate(columns) if column is not None]
@@ -91,7 +71,7 @@ def test_projections_and_derivatives_are_gtsams(model):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_derivatives_are_those_of_the_projection(model):
-    at, params = camera(model), np.array(PARAMS[model])
+    at, params = camera_of(model), np.array(PARAMS[model])
     lens, into = lens_of(at), embedding(model)
     x, y = rays().T
     h = 1e-6
@@ -104,15 +84,15 @@ def test_derivatives_are_those_of_the_projection(model):
     for k in range(len(params)):
         step = np.zeros(len(params))
         step[k] = 1e-6 * max(1.0, abs(params[k]))
-        ahead = lens_of(camera(model, params + step)).pixels(x, y)
-        behind = lens_of(camera(model, params - step)).pixels(x, y)
+        ahead = lens_of(camera_of(model, params + step)).pixels(x, y)
+        behind = lens_of(camera_of(model, params - step)).pixels(x, y)
         expected = (ahead - behind) / (2 * step[k])
         np.testing.assert_allclose(found[:, :, k], expected, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_ray_keeps_its_radius_but_for_the_tangential_part(model):
-    lens = lens_of(camera(model))
+    lens = lens_of(camera_of(model))
     radius = np.linspace(0.0, 0.6, 7)
     expected = np.hypot(*lens.distorted(0.6 * radius, 0.8 * radius))
     tangential = 0.01 if model in ("OPENCV", "FULL_OPENCV") else 1e-15
@@ -127,6 +107,6 @@ def test_only_the_denominator_of_the_rational_model_is_never_refined():
 
 def test_what_is_not_understood_is_refused():
     with pytest.raises(InputDataError, match="THIN_PRISM_FISHEYE is not one"):
-        lens_of(camera("THIN_PRISM_FISHEYE", (1.0,) * 12))
+        lens_of(camera_of("THIN_PRISM_FISHEYE", (1.0,) * 12))
     with pytest.raises(InputDataError, match="8 parameters, but 4"):
-        lens_of(camera("OPENCV", PINHOLE))
+        lens_of(camera_of("OPENCV", PINHOLE))

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import jsonschema
@@ -22,8 +21,8 @@ from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import Scene
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.simulate.scenes import disturbed
+from tabletop import TABLETOP
 
-DATA = Path(__file__).parents[1] / "data" / "tabletop"
 N_OLD, N_NEW = 12, 4
 
 
@@ -145,14 +144,14 @@ def halved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("halved")
     (folder / "old").mkdir()
     (folder / "new").mkdir()
-    poses = hf.read_poses(DATA / "poses.csv")
+    poses = hf.read_poses(TABLETOP / "poses.csv")
     for i, name in enumerate(poses.names[:12]):
-        image = cv2.imread(str(DATA / "images" / name))
+        image = cv2.imread(str(TABLETOP / "images" / name))
         small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         # The new ones have names of old ones: they are other images all the same.
         place = folder / ("new" if i in (4, 9) else "old")
         cv2.imwrite(str(place / name), small)
-    camera = hf.read_camera(DATA / "camera.yaml")
+    camera = hf.read_camera(TABLETOP / "camera.yaml")
     params = camera.params.copy()
     params[:4] *= 0.5
     return folder, hf.CameraModel(model=camera.model, width=640, height=480, params=params)
@@ -163,7 +162,7 @@ def halved(tmp_path_factory):
 def test_new_images_of_the_table(halved, tmp_path):
     folder, camera = halved
     options = hf.Options(sfm=hf.SfmOptions(preset="fast"))
-    poses = DATA / "poses.csv"
+    poses = TABLETOP / "poses.csv"
     given = {"camera": camera, "options": options, "output": tmp_path}
     plain = hf.calibrate(folder / "old", poses, **given)
     result = hf.calibrate(folder / "old", poses, holdout=(folder / "new", poses), **given)
@@ -190,7 +189,7 @@ def test_new_images_of_the_table(halved, tmp_path):
     with pytest.raises(ReconstructionError, match="none of the 1 new images"):
         hf.calibrate(folder / "old", poses, holdout=(tmp_path / "other", poses), **given)
     with pytest.raises(InputDataError, match="1280x960 pixels, but those of the calibration"):
-        hf.calibrate(folder / "old", poses, holdout=(DATA / "images", poses), **given)
+        hf.calibrate(folder / "old", poses, holdout=(TABLETOP / "images", poses), **given)
     with pytest.raises(InputDataError, match="no pose has the name of an image"):
         hf.calibrate(folder / "old", poses, holdout=(folder / "new", {"x.png": np.eye(4)}), **given)
 

@@ -8,19 +8,12 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import handeye_fg as hf
+from example_cameras import SMALL
 from handeye_fg import sfm
 from handeye_fg.cli import main
 from handeye_fg.commands.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_PARTIAL
 from handeye_fg.io.config import read_config, write_config
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.types import CameraModel
-
-CAMERA = CameraModel(
-    model="OPENCV",
-    width=64,
-    height=48,
-    params=np.array([55.0, 55.0, 32.2, 24.1, -0.05, 0.02, 1e-3, -1e-3]),
-)
 
 
 @pytest.fixture
@@ -32,7 +25,7 @@ def calibrate(tmp_path, monkeypatch):
             np.random.default_rng(0),
             n_images=8,
             n_points=80,
-            camera=CAMERA,
+            camera=SMALL,
             pixel_sigma=0.01,
             motion=motion,
         )

@@ -20,17 +20,12 @@ import handeye_fg as hf
 from handeye_fg import frames
 from handeye_fg.options import GraphOptions, NoiseOptions, SfmOptions, TaskOptions
 from handeye_fg.priors import Prior
+from tabletop import HALF_CAMERA as CAMERA
+from tabletop import TABLETOP
 
 pytestmark = pytest.mark.e2e
 
-TABLETOP = Path(__file__).parents[1] / "data" / "tabletop"
 N_IMAGES = 6
-CAMERA = hf.CameraModel(
-    model="OPENCV",
-    width=640,
-    height=480,
-    params=np.array([550.0, 550.275, 326.3728, 232.583, -0.06, 0.03, 4e-4, -3e-4]),
-)
 OPTIONS = hf.Options(sfm=SfmOptions(preset="fast", threads=1))
 Pixels = NDArray[np.uint8]
 

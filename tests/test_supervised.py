@@ -11,13 +11,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from PIL import Image
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import files
 from handeye_fg.io.files import sole_use
+from tabletop import TABLETOP, save_halves
 
-DATA = Path(__file__).parents[1] / "data" / "tabletop"
 N_IMAGES = 5
 CONTINUE = "The same command continues where this run ended."
 
@@ -26,10 +25,8 @@ CONTINUE = "The same command continues where this run ended."
 def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Some of the set at half its size, beside their camera file."""
     folder = tmp_path_factory.mktemp("images")
-    for path in sorted((DATA / "images").iterdir())[:N_IMAGES]:
-        with Image.open(path) as image:
-            image.resize((640, 480), Image.Resampling.BOX).save(folder / path.name, quality=95)
-    camera = yaml.safe_load((DATA / "camera.yaml").read_text())
+    save_halves(folder, N_IMAGES)
+    camera = yaml.safe_load((TABLETOP / "camera.yaml").read_text())
     fx, fy, cx, cy = (camera["camera_matrix"]["data"][k] for k in (0, 4, 2, 5))
     # Centres of pixels: (u + 0.5) / 2 - 0.5.
     K = [fx / 2, 0, cx / 2 - 0.25, 0, fy / 2, cy / 2 - 0.25, 0, 0, 1]
@@ -51,7 +48,7 @@ def start(
         "handeye_fg",
         "calibrate",
         str(images),
-        str(DATA / "poses.csv"),
+        str(TABLETOP / "poses.csv"),
     ]
     command += ["--camera", str(images.parent / "camera.yaml"), "--output", str(out), *flags]
     return subprocess.Popen(

@@ -7,19 +7,17 @@ import pytest
 from PIL import Image
 
 import handeye_fg as hf
+from example_cameras import SMALL
 from handeye_fg import cli, frames, sfm
 from handeye_fg.io.poses import Convention
 from handeye_fg.io.poses.convention import from_poses
 from handeye_fg.simulate import simulate_scene
-from handeye_fg.types import CameraModel
 
 
 @pytest.fixture(scope="module")
 def scene():
-    params = np.array([55.0, 55.0, 32.2, 24.1, -0.05, 0.02, 1e-3, -1e-3])
-    camera = CameraModel(model="OPENCV", width=64, height=48, params=params)
     rng = np.random.default_rng(0)
-    return simulate_scene(rng, n_images=9, n_points=80, camera=camera, pixel_sigma=0.01)
+    return simulate_scene(rng, n_images=9, n_points=80, camera=SMALL, pixel_sigma=0.01)
 
 
 @pytest.fixture

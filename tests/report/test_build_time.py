@@ -13,8 +13,8 @@ from handeye_fg.io.results import Result
 from handeye_fg.outcome.refined_scene import refined_scene
 from handeye_fg.report import write_report
 from handeye_fg.types import Rig, Tracks
+from tabletop import TABLETOP
 
-IMAGES = Path(__file__).parents[2] / "data" / "tabletop" / "images"
 N_IMAGES, N_POINTS, SEEN_BY = 100, 100_000, 4
 # A third of this on one quiet core; other processes may take most of the machine.
 MOST_SECONDS = 30.0
@@ -25,7 +25,7 @@ def large(result: Result, images: Path) -> Result:
     """The result as if it had a hundred images and a hundred thousand points."""
     rng = np.random.default_rng(5)
     names = tuple(f"image_{i:03d}.jpg" for i in range(N_IMAGES))
-    sources = sorted(IMAGES.iterdir())
+    sources = sorted((TABLETOP / "images").iterdir())
     images.mkdir()
     for i, name in enumerate(names):
         (images / name).symlink_to(sources[i % len(sources)])

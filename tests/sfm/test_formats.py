@@ -18,9 +18,10 @@ from handeye_fg.sfm.eight_bit import readable
 from handeye_fg.sfm.features import STRICT, find_features
 from handeye_fg.sfm.stages import prepare
 from handeye_fg.targets.detect import _grey
+from tabletop import TABLETOP
 
 Grey = NDArray[np.uint8]
-IMAGE = Path(__file__).parents[2] / "data" / "tabletop" / "images" / "frame_0000.jpg"
+IMAGE = TABLETOP / "images" / "frame_0000.jpg"
 
 
 @pytest.fixture(scope="module")

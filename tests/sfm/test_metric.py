@@ -1,6 +1,5 @@
 """The model in metres: written, and read back by COLMAP and by the calibration itself."""
 
-import runpy
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,8 @@ import pycolmap
 import pytest
 
 import handeye_fg as hf
+from colmap_models import synthetic
+from example_results import make_result
 from handeye_fg import frames
 from handeye_fg.frames import Array
 from handeye_fg.io.image_results import ImageReport
@@ -15,10 +16,6 @@ from handeye_fg.io.results import Result
 from handeye_fg.sfm import read_model, write_metric
 from handeye_fg.types import CameraModel
 
-synthetic = runpy.run_path(str(Path(__file__).parent / "test_model.py"))["synthetic"]
-make_result = runpy.run_path(str(Path(__file__).parents[1] / "report" / "conftest.py"))[
-    "make_result"
-]
 Z = frames.exp(np.array([0.4, -0.3, 2.0, 0.5, -0.2, 0.1]))
 SCALE = 0.073
 

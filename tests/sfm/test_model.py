@@ -6,6 +6,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from colmap_models import PARAMS, synthetic
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import inverse
 from handeye_fg.intrinsics import opencv_distortion
@@ -13,21 +14,6 @@ from handeye_fg.sfm import read_model
 from handeye_fg.sfm.model import _distinct
 from handeye_fg.sfm.reconstruct import _thin
 from handeye_fg.types import Tracks
-
-PARAMS = [800.0, 805.0, 511.5, 390.25, -0.06, 0.03, 4e-4, -3e-4]
-
-
-def synthetic(n_images: int = 6, n_cameras: int = 1, n_points: int = 60) -> pycolmap.Reconstruction:
-    pycolmap.set_random_seed(0)
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs = n_cameras
-    options.num_cameras_per_rig = 1
-    options.num_frames_per_rig = n_images // n_cameras
-    options.num_points3D = n_points
-    options.camera_model_id = pycolmap.CameraModelId.OPENCV
-    options.camera_width, options.camera_height = 1024, 768
-    options.camera_params = PARAMS
-    return pycolmap.synthesize_dataset(options)
 
 
 def named_by_folder(reconstruction: pycolmap.Reconstruction, n_cameras: int) -> None:

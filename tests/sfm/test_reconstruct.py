@@ -1,6 +1,5 @@
 """A few small images through all of structure from motion."""
 
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,32 +9,26 @@ import pytest
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
+import tabletop
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.options import Pairs, SfmOptions
 from handeye_fg.progress import Progress, silent
 from handeye_fg.sfm import RobotGuide, read_model, reconstruct
 from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, SfmModel
+from tabletop import HALF_CAMERA as CAMERA
+from tabletop import TRUTH
 
 pytestmark = pytest.mark.e2e
 
-TABLETOP = Path(__file__).parents[2] / "data" / "tabletop"
-NAMES = tuple(f"frame_{i:04d}.jpg" for i in range(5))
-# The images at half their size: in pixels from the corner, everything halves.
-CAMERA = CameraModel(
-    model="OPENCV",
-    width=640,
-    height=480,
-    params=np.array([550.0, 550.275, 326.3728, 232.583, -0.06, 0.03, 4e-4, -3e-4]),
-)
+N_IMAGES = 5
+NAMES = tabletop.NAMES[:N_IMAGES]
 
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("images")
-    for name in (*NAMES, "frame_0005.jpg"):
-        with Image.open(TABLETOP / "images" / name) as image:
-            image.resize((640, 480), Image.Resampling.BOX).save(folder / name, quality=95)
+    tabletop.save_halves(folder, N_IMAGES + 1)
     return folder
 
 
@@ -84,8 +77,7 @@ def test_poses_agree_with_the_truth(first: tuple[SfmModel, Path, list]) -> None:
 
 def largest_error_deg(model: SfmModel) -> float:
     """Of the images' turns from the first one."""
-    truth = json.loads((TABLETOP / "truth.json").read_text())
-    base_T_camera = np.array(truth["base_T_gripper"])[:5] @ np.array(truth["gripper_T_camera"])
+    base_T_camera = TRUTH["base_T_gripper"][:N_IMAGES] @ TRUTH["gripper_T_camera"]
     theirs = base_T_camera[:, :3, :3].transpose(0, 2, 1) @ base_T_camera[:1, :3, :3]
     ours = model.world_T_camera[:, :3, :3].transpose(0, 2, 1) @ model.world_T_camera[:1, :3, :3]
     angles = Rotation.from_matrix(ours @ theirs.transpose(0, 2, 1)).magnitude()
@@ -93,9 +85,7 @@ def largest_error_deg(model: SfmModel) -> float:
 
 
 def true_turns() -> RobotTurns:
-    truth = json.loads((TABLETOP / "truth.json").read_text())
-    rotations = np.array(truth["base_T_gripper"])[: len(NAMES), :3, :3]
-    return RobotTurns(rotations=rotations, setup="eye-in-hand")
+    return RobotTurns(rotations=TRUTH["base_T_gripper"][:N_IMAGES, :3, :3], setup="eye-in-hand")
 
 
 def test_text_over_every_image_is_left_out(images: Path, tmp_path: Path) -> None:
@@ -185,7 +175,7 @@ def test_the_robot_may_choose_the_pairs(
         asked.append(model)
         return model.world_T_camera
 
-    poses = np.array(json.loads((TABLETOP / "truth.json").read_text())["base_T_gripper"])[:5]
+    poses = TRUTH["base_T_gripper"][:N_IMAGES]
     model = run(
         images, tmp_path / "sfm", guide=RobotGuide(base_T_gripper=poses, place=place), pairs="robot"
     )

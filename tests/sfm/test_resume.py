@@ -1,6 +1,5 @@
 """A run continues where an earlier one ended; a change costs what depends on it and no more."""
 
-import json
 import os
 import shutil
 import signal
@@ -14,32 +13,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import tabletop
 from handeye_fg.options import SfmOptions
 from handeye_fg.sfm import reconstruct
 from handeye_fg.turns import RobotTurns
-from handeye_fg.types import CameraModel, SfmModel
+from handeye_fg.types import SfmModel
+from tabletop import HALF_CAMERA as CAMERA
 
 pytestmark = pytest.mark.e2e
 
-TABLETOP = Path(__file__).parents[2] / "data" / "tabletop"
-NAMES = tuple(f"frame_{i:04d}.jpg" for i in range(5))
-CAMERA = CameraModel(
-    model="OPENCV",
-    width=640,
-    height=480,
-    params=np.array([550.0, 550.275, 326.3728, 232.583, -0.06, 0.03, 4e-4, -3e-4]),
-)
-TRUTH = np.array(json.loads((TABLETOP / "truth.json").read_text())["base_T_gripper"])[:5, :3, :3]
-TURNS = RobotTurns(rotations=TRUTH, setup="eye-in-hand")
+ROOT = Path(__file__).parents[2]
+N_IMAGES = 5
+NAMES = tabletop.NAMES[:N_IMAGES]
+base_R_gripper = tabletop.TRUTH["base_T_gripper"][:N_IMAGES, :3, :3]
+TURNS = RobotTurns(rotations=base_R_gripper, setup="eye-in-hand")
 N_PAIRS = 10
 
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("images")
-    for name in NAMES:
-        with Image.open(TABLETOP / "images" / name) as image:
-            image.resize((640, 480), Image.Resampling.BOX).save(folder / name, quality=95)
+    tabletop.save_halves(folder, N_IMAGES)
     return folder
 
 
@@ -110,7 +104,7 @@ CHANGES = {
         True,
     ),
     "poses": (
-        {"turns": RobotTurns(rotations=TRUTH @ TRUTH[0], setup="eye-in-hand")},
+        {"turns": RobotTurns(rotations=base_R_gripper @ base_R_gripper[0], setup="eye-in-hand")},
         (5, N_PAIRS, 5),
         False,
     ),
@@ -191,10 +185,9 @@ def test_a_killed_run_is_continued(
     images: Path, fresh: tuple[Run, Path], tmp_path: Path, stage: str, done: int
 ) -> None:
     out = tmp_path / "out"
-    root = str(Path(__file__).parents[2])
     killed = subprocess.run(
         [sys.executable, "-c", _KILLED, str(images), str(out), stage, str(done)],
-        env={**os.environ, "PYTHONPATH": root},
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests' / 'shared'}"},
         check=False,
         timeout=60,
     )

@@ -1,8 +1,5 @@
 """The entry point of the closed forms, and the parts it is made of."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,6 +14,7 @@ from handeye_fg.solvers import (
     linear_start,
     motion_residuals,
 )
+from tabletop import TABLETOP, TRUTH
 
 
 def test_poses_of_wrong_shape_are_refused() -> None:
@@ -77,11 +75,9 @@ def test_solution_checks_its_shape() -> None:
 
 def test_reported_poses_of_a_rendered_set() -> None:
     """The noise of the robot alone: camera poses from the set's truth, in another unit."""
-    folder = Path(__file__).parents[2] / "data" / "tabletop"
-    truth = json.loads((folder / "truth.json").read_text())
-    X = np.array(truth["gripper_T_camera"])
-    world_T_camera = scaled(np.array(truth["base_T_gripper"]) @ X, 1.0 / 0.06)
-    rows = np.loadtxt(folder / "poses.csv", delimiter=",", skiprows=1, usecols=range(1, 8))
+    X = TRUTH["gripper_T_camera"]
+    world_T_camera = scaled(TRUTH["base_T_gripper"] @ X, 1.0 / 0.06)
+    rows = np.loadtxt(TABLETOP / "poses.csv", delimiter=",", skiprows=1, usecols=range(1, 8))
     reported = pose(Rotation.from_quat(rows[:, 3:]).as_matrix(), rows[:, :3])
     start = linear_start(reported, world_T_camera)
     # The set's noise is 0.05 mm and 0.01 degrees per axis; 18 poses average it.

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
+from exact_poses import pose_lists, twists
 from handeye_fg.errors import UnobservableError
 from handeye_fg.frames import Array, exp, inverse, scaled
 from handeye_fg.motions import PosePairs, as_motions, axis_spread
@@ -18,13 +18,6 @@ METRIC = [method.solve for method in METHODS.values() if method.scale_known]
 # A busy machine is no failure.
 UNHURRIED = settings(deadline=None)
 
-# Rotation vectors below 3 radians, translations below a metre.
-twists = arrays(np.float64, 6, elements=st.floats(-1.0, 1.0)).map(
-    lambda xi: xi * [1.7, 1.7, 1.7, 1.0, 1.0, 1.0]
-)
-pose_lists = arrays(np.float64, (5, 6), elements=st.floats(-1.0, 1.0)).map(
-    lambda xi: exp(xi * [1.7, 1.7, 1.7, 1.0, 1.0, 1.0])
-)
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from handeye_fg.frames import exp, inverse, log
+import pose_graphs
+from handeye_fg.frames import exp, inverse
 from handeye_fg.graph.poses import estimator, pose_graph
 from handeye_fg.motions import MotionPairs
 from handeye_fg.solvers import METHODS, start_of
+from pose_graphs import solved
 
 pytestmark = pytest.mark.simulation
 
@@ -42,20 +44,14 @@ def draws(simulated, scenario):
     found = []
     for seed in range(runs):
         truth = simulated(1000 * list(SCENARIOS).index(scenario) + seed, n, **truths)
-        result = pose_graph(
-            truth.data,
-            truth.start(),
-            scale_known=truth.scale_known,
-            inverted=truth.inverted,
-            **options,
-        )
+        result = solved(truth, **options)
         found.append((truth, result, error(result, truth)))
     return found
 
 
 def error(result, truth):
-    X = log(inverse(result.gripper_T_camera) @ truth.gripper_T_camera)
-    return np.append(X, np.log(truth.unit / result.metres_per_world_unit))
+    of_scale = np.log(truth.unit / result.metres_per_world_unit)
+    return np.append(pose_graphs.error(result, truth), of_scale)
 
 
 def nees_band(freedom, runs):

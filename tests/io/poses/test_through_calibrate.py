@@ -1,7 +1,5 @@
 """Pose files of other formats as inputs of a calibration from images."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,12 +10,11 @@ from handeye_fg.inputs import read_inputs
 from handeye_fg.io.poses import read_poses, write_poses
 from handeye_fg.options import Options, PoseFileOptions
 from handeye_fg.progress import silent
-
-DATA = Path(__file__).resolve().parents[3] / "data" / "tabletop"
+from tabletop import TABLETOP
 
 
 def inputs_of(path, options):
-    return read_inputs(DATA / "images", path, DATA / "camera.yaml", None, options, silent)
+    return read_inputs(TABLETOP / "images", path, TABLETOP / "camera.yaml", None, options, silent)
 
 
 @pytest.mark.parametrize(
@@ -28,9 +25,9 @@ def inputs_of(path, options):
     ],
 )
 def test_inputs_are_those_of_the_contract_file(tmp_path, options):
-    write_poses(read_poses(DATA / "poses.csv"), tmp_path / "poses", options)
+    write_poses(read_poses(TABLETOP / "poses.csv"), tmp_path / "poses", options)
     inputs = inputs_of(tmp_path / "poses", Options(poses=options))
-    expected = inputs_of(DATA / "poses.csv", Options())
+    expected = inputs_of(TABLETOP / "poses.csv", Options())
     assert inputs.names == expected.names
     assert inputs.left_out == ()
     names = expected.names
@@ -41,7 +38,7 @@ def test_inputs_are_those_of_the_contract_file(tmp_path, options):
 
 def test_rows_without_names_are_not_paired_unasked(tmp_path):
     path = tmp_path / "poses.txt"
-    write_poses(read_poses(DATA / "poses.csv"), path, PoseFileOptions(format="kitti"))
+    write_poses(read_poses(TABLETOP / "poses.csv"), path, PoseFileOptions(format="kitti"))
     with pytest.raises(InputDataError, match=r"its rows have no image names; .*--pair-by"):
         inputs_of(path, Options())
 
