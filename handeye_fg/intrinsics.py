@@ -1,7 +1,6 @@
 """Lens distortion: where it can be inverted, and other forms of the same camera.
 
-Entry points: ``opencv_distortion``, ``covers_image``, ``nearest``, ``fitted_opencv``,
-``pinhole_view``. Normalised
+Entry points: ``covers_image``, ``nearest``, ``fitted_opencv``, ``pinhole_view``. Normalised
 coordinates are those of the plane at depth 1; pixels have the first pixel's centre at (0.5, 0.5).
 """
 
@@ -36,26 +35,6 @@ _SAFE_PARTS = (0.9, 0.8, 0.7, 0.6, 0.5)
 _GRID = (30, 40)
 # Rays farther off the axis are not moved into a pinhole view: a pixel's error grows 33-fold there.
 _WIDEST_VIEW = np.deg2rad(80.0)
-
-
-def opencv_distortion(camera: CameraModel) -> tuple[Array, Array]:
-    """The camera as OpenCV wants it.
-
-    Args:
-        camera: a model that OpenCV has.
-
-    Returns:
-        The camera matrix (3, 3), first pixel's centre at (0.5, 0.5), to be used with such pixels, and
-        the distortion coefficients: k1 k2 p1 p2 (4,), with FULL_OPENCV k1 k2 p1 p2 k3 k4 k5 k6 (8,),
-        with OPENCV_FISHEYE those of ``cv2.fisheye``, k1 k2 k3 k4 (4,).
-
-    Raises:
-        InputDataError: OpenCV has no such model.
-    """
-    lens = lens_of(camera)
-    K = np.diag([*lens.focal, 1.0])
-    K[:2, 2] = lens.centre
-    return K, lens.coefficients[: 8 if camera.model == "FULL_OPENCV" else 4].copy()
 
 
 def _smallest_positive_root(*polynomials: Polynomial) -> float:

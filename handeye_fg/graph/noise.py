@@ -42,7 +42,6 @@ class Solution:
         step: of the shared unknowns (d,), towards the minimum.
         decrease: of the cost by this step.
         covariance: of the shared unknowns (d, d).
-        robot_covariance: covariance (n, 6, 6) of the robot residuals after the fit.
     """
 
     noise: NoiseLevels
@@ -51,7 +50,6 @@ class Solution:
     step: Array
     decrease: float
     covariance: Array
-    robot_covariance: Array
 
 
 def known_levels(options: NoiseOptions) -> tuple[float | None, float | None, float | None]:
@@ -159,7 +157,6 @@ def solve(problem: Linearised, noise: NoiseLevels) -> Solution:
         step=step,
         decrease=0.5 * float(gradient @ step),
         covariance=covariance,
-        robot_covariance=np.diag(1.0 / weights) - predicted,
     )
 
 

@@ -6,7 +6,6 @@ import gtsam
 import numpy as np
 
 from handeye_fg.errors import ConvergenceError
-from handeye_fg.progress import Progress
 
 # A step that lowers the cost by less than this part of it moves X by a small fraction of its
 # standard deviation: near the optimum the cost is quadratic, and with the cost near half the number
@@ -20,9 +19,6 @@ class Optimum:
     """Where an optimisation ended."""
 
     values: gtsam.Values
-    iterations: int
-    initial_cost: float
-    final_cost: float
     converged: bool
 
 
@@ -32,7 +28,6 @@ def optimise(
     ordering: gtsam.Ordering,
     *,
     max_iterations: int,
-    progress: Progress,
 ) -> Optimum:
     """Minimise the graph's cost from ``start``.
 
@@ -41,7 +36,6 @@ def optimise(
         start: first values of all unknowns.
         ordering: elimination ordering of all keys.
         max_iterations: stop after as many steps.
-        progress: told the number of iterations.
 
     Raises:
         ConvergenceError: the cost is not finite after a step.
@@ -52,13 +46,11 @@ def optimise(
     # The unknowns have very different units: radians, metres, pixels. Damping in proportion to each
     # one's own curvature lets weak ones (intrinsics, a free height) settle in ten steps, not hundreds.
     params.setDiagonalDamping(True)
-    initial = float(graph.error(start))
     optimiser = gtsam.LevenbergMarquardtOptimizer(graph, start, params)
-    cost, iterations, converged = initial, 0, False
+    cost, iterations, converged = float(graph.error(start)), 0, False
     while iterations < max_iterations and not converged:
         optimiser.iterate()
         iterations += 1
-        progress("iterations", iterations, None)
         new_cost = float(optimiser.error())
         if not np.isfinite(new_cost):
             raise ConvergenceError(
@@ -67,10 +59,4 @@ def optimise(
             )
         converged = cost - new_cost <= _RELATIVE_TOLERANCE * max(cost, 1e-12)
         cost = new_cost
-    return Optimum(
-        values=optimiser.values(),
-        iterations=iterations,
-        initial_cost=initial,
-        final_cost=cost,
-        converged=converged,
-    )
+    return Optimum(values=optimiser.values(), converged=converged)

@@ -129,22 +129,6 @@ def list_cameras(folder: Path) -> tuple[str, ...]:
     return tuple(f"{name}/{image}" for name in with_images for image in several[name])
 
 
-def check_image(path: Path) -> tuple[int, int]:
-    """Decode a whole image.
-
-    Args:
-        path: the file.
-
-    Returns:
-        Width and height in pixels, as stored (an orientation tag is not applied).
-
-    Raises:
-        InputDataError: the file is missing, empty, truncated, damaged, of an unknown format or too
-            large to decode safely.
-    """
-    return _decoded(path, "image").size
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageSet:
     """The images of one camera.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from handeye_fg import frames
 from handeye_fg.frames import Array
+from handeye_fg.sfm.adjustment import adjust
 from handeye_fg.sfm.model import to_sfm_model
 from handeye_fg.sfm.native import native_camera, run_cancellable
 from handeye_fg.sfm.stages import DATABASE
@@ -178,6 +179,10 @@ def _adjusted(
     options.num_threads = 1  # the same result in every run
     # Sides of an object that two images show have no longer tracks; their pairs are known to be right.
     options.triangulation.ignore_two_view_tracks = False
+    # The intrinsics are kept; some matches are wrong.
+    kept = pycolmap.BundleAdjustmentOptions()
+    kept.refine_focal_length = kept.refine_extra_params = False
+    kept.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     found = start
     for _ in range(_ROUNDS):
         found = run_cancellable(
@@ -193,22 +198,6 @@ def _adjusted(
             "the triangulation of points",
             lambda: None,
         )
-        _adjust(found)
+        adjust(found, kept, "the adjustment of added images")
         pycolmap.ObservationManager(found).filter_all_points3D(_LARGEST_ERROR_PX, _LEAST_ANGLE_DEG)
     return found
-
-
-def _adjust(reconstruction: pycolmap.Reconstruction) -> None:
-    """Bundle adjustment of cameras and points, the intrinsics kept, robust to wrong matches."""
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = options.refine_extra_params = False
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.solver_options.num_threads = 1
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in reconstruction.reg_image_ids():
-        config.add_image(image_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    adjuster = pycolmap.create_default_bundle_adjuster(options, config, reconstruction)
-    run_cancellable(lambda _: adjuster.solve(), "the adjustment of added images", lambda: None)
-    reconstruction.update_point_3d_errors()

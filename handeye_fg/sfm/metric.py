@@ -8,8 +8,10 @@ import pycolmap
 
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array, inverse, orthonormalised
+from handeye_fg.sfm.adjustment import adjust
 from handeye_fg.sfm.cache import staging
 from handeye_fg.sfm.model import FEWEST_IMAGES, ModelSource, opened, world_T_camera
+from handeye_fg.sfm.native import native_camera
 from handeye_fg.types import CameraModel, folder_of
 
 _NOTE = "README.txt"
@@ -87,11 +89,7 @@ def _add_images(
     """Add cameras and images; the new number of each image by the old one."""
     number = {folder: k for k, folder in enumerate(sorted(cameras), start=1)}
     for folder, camera in cameras.items():
-        native = pycolmap.Camera(
-            model=camera.model, width=camera.width, height=camera.height, params=camera.params
-        )
-        native.camera_id = number[folder]
-        model.add_camera_with_trivial_rig(native)
+        model.add_camera_with_trivial_rig(native_camera(camera, number[folder]))
     ids = {}
     for k, (name, (image, a_T_camera)) in enumerate(images.items(), start=1):
         pixels = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
@@ -123,16 +121,9 @@ def _adjust_points(model: pycolmap.Reconstruction) -> None:
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_extra_params = False
     options.refine_rig_from_world = options.refine_sensor_from_rig = False
-    options.print_summary = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.solver_options.function_tolerance = 1e-6
-    options.ceres.solver_options.num_threads = 1  # the same result in every run
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in model.reg_image_ids():
-        config.add_image(image_id)
-    # Not pycolmap.bundle_adjustment: that turns COLMAP's log on.
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
-    model.update_point_3d_errors()
+    adjust(model, options, "the adjustment of the points")
 
 
 def _publish(model: pycolmap.Reconstruction, folder: Path, note: str) -> None:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import pycolmap
 
-from handeye_fg.sfm.native import run_cancellable
+from handeye_fg.sfm.adjustment import adjust
+from handeye_fg.sfm.native import native_camera
 from handeye_fg.types import CameraModel, folder_of
 
 # A refined focal length farther from its start than this part of it is a failed self-calibration.
@@ -19,17 +20,8 @@ def keeps_near(reconstruction: pycolmap.Reconstruction, cameras: Mapping[str, Ca
     images = (reconstruction.images[i] for i in reconstruction.reg_image_ids())
     folders = {image.camera_id: folder_of(image.name) for image in images}
     return all(
-        _same_focal(_native(cameras[folder]), reconstruction.cameras[camera_id])
+        _same_focal(native_camera(cameras[folder], camera_id), reconstruction.cameras[camera_id])
         for camera_id, folder in folders.items()
-    )
-
-
-def _native(camera: CameraModel) -> pycolmap.Camera:
-    return pycolmap.Camera(
-        model=camera.model,
-        width=camera.width,
-        height=camera.height,
-        params=list(camera.params),
     )
 
 
@@ -51,16 +43,7 @@ def with_centre(reconstruction: pycolmap.Reconstruction) -> pycolmap.Reconstruct
     adjusted = pycolmap.Reconstruction(reconstruction)
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
-    options.print_summary = False
-    options.ceres.solver_options.num_threads = 1  # the same result in every run
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in adjusted.reg_image_ids():
-        config.add_image(image_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    # Not pycolmap.bundle_adjustment: that turns COLMAP's log on.
-    adjuster = pycolmap.create_default_bundle_adjuster(options, config, adjusted)
-    run_cancellable(lambda _: adjuster.solve(), "the adjustment of the intrinsics", lambda: None)
-    adjusted.update_point_3d_errors()
+    adjust(adjusted, options, "the adjustment of the intrinsics")
     for key, before in reconstruction.cameras.items():
         after = adjusted.cameras[key]
         moved = np.hypot(

@@ -7,6 +7,7 @@ import pycolmap
 
 from handeye_fg import frames
 from handeye_fg.errors import InputDataError
+from handeye_fg.sfm.native import native_camera
 from handeye_fg.types import SfmModel
 
 
@@ -33,15 +34,7 @@ def to_reconstruction(model: SfmModel) -> pycolmap.Reconstruction:
     """The model as COLMAP has it."""
     result = pycolmap.Reconstruction()
     for k, camera in enumerate(model.cameras):
-        result.add_camera_with_trivial_rig(
-            pycolmap.Camera(
-                camera_id=k + 1,
-                model=camera.model,
-                width=camera.width,
-                height=camera.height,
-                params=camera.params,
-            )
-        )
+        result.add_camera_with_trivial_rig(native_camera(camera, k + 1))
     tracks = model.tracks
     place = np.empty(len(tracks.image_index), dtype=np.int64)
     camera_T_world = frames.inverse(model.world_T_camera)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from handeye_fg.io.images import check_image
+from handeye_fg.io.images import read_image_set
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import silent
 from handeye_fg.sfm.cache import file_digests
@@ -101,7 +101,7 @@ def test_all_formats_show_the_same(
     path = tmp_path / "images" / name
     path.parent.mkdir()
     EXACT[name](path, grey)
-    assert check_image(path) == (320, 240)
+    assert read_image_set(path.parent, [path.name]).size == (320, 240)
     found, _ = features(path, tmp_path)
     if "colour" in name and ".png" not in name.lower():
         # Weights of red, green and blue that add up to a little less than 1.
@@ -120,7 +120,7 @@ def test_jpeg_is_used_as_stored(
     path = tmp_path / "images" / "a.JPEG"
     path.parent.mkdir()
     pillow(quality=100, **kind)(path, grey)
-    assert check_image(path) == (320, 240)
+    assert read_image_set(path.parent, [path.name]).size == (320, 240)
     assert _grey(path).shape == (240, 320)
     found, camera = features(path, tmp_path)
     assert (camera.width, camera.height) == (320, 240)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
+from handeye_fg.motions import MAX_PAIRS, MotionPairs, PosePairs, as_motions
 
 ROTATION_BOUND = math.radians(1e-6)
 TRANSLATION_BOUND = 1e-9
@@ -27,6 +28,14 @@ def case(base_T_gripper: Array, X: Array, scale: float, Z: Array | None = None) 
     Z = exp(np.array([0.4, -1.1, 0.7, 0.3, 0.2, -0.5])) if Z is None else Z
     world_T_camera = inverse(Z) @ base_T_gripper @ X
     return Case(base_T_gripper, scaled(world_T_camera, 1.0 / scale), X, scale)
+
+
+def motions_between(
+    base_T_gripper: Array, world_T_camera: Array, max_pairs: int = MAX_PAIRS
+) -> MotionPairs:
+    """The motions between poses, as the solvers see them."""
+    poses = PosePairs(base_T_gripper=base_T_gripper, world_T_camera=world_T_camera)
+    return as_motions(poses, max_pairs)
 
 
 def rotation_error(found: Array, wanted: Array) -> float:

@@ -13,13 +13,14 @@ from exact_poses import (
     Case,
     assert_exact,
     case,
+    motions_between,
     pose_lists,
     random_poses,
     rotation_error,
     twists,
 )
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
-from handeye_fg.motions import MotionPairs, axis_spread, motion_pairs
+from handeye_fg.motions import MotionPairs, axis_spread
 from handeye_fg.simulate import disturbed, simulate_poses
 from handeye_fg.solvers import andreff_scale, linear_start
 
@@ -92,7 +93,7 @@ def test_z_closes_the_chain() -> None:
 
 def solvable(wanted: Case) -> MotionPairs:
     """The pairs of a case with two clear axes and a clear scale, which Hypothesis may not draw."""
-    pairs = motion_pairs(wanted.base_T_gripper, wanted.world_T_camera)
+    pairs = motions_between(wanted.base_T_gripper, wanted.world_T_camera)
     spread = axis_spread(pairs)
     assume(spread.rms_rotation[1] > 0.1)
     R_A, v = pairs.gi_T_gj[:, :3, :3], pairs.ci_T_cj[:, :3, 3] @ wanted.gripper_T_camera[:3, :3].T

@@ -5,10 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from exact_poses import ROTATION_BOUND, X_RANDOM, case, rotation_error, translation_error
+from exact_poses import (
+    ROTATION_BOUND,
+    X_RANDOM,
+    case,
+    motions_between,
+    rotation_error,
+    translation_error,
+)
 from handeye_fg.errors import InputDataError, UnobservableError
 from handeye_fg.frames import Array, exp, inverse, pose, scaled
-from handeye_fg.motions import MotionPairs, PosePairs, axis_spread, motion_pairs
+from handeye_fg.motions import MotionPairs, PosePairs, axis_spread
 from handeye_fg.simulate import disturbed, simulate_poses
 from handeye_fg.solvers import Solution, andreff_scale, linear_start
 
@@ -28,7 +35,7 @@ def test_one_axis_gives_all_but_the_height(noise: float, seed: int) -> None:
         robot_translation_sigma=noise * 5e-5,
     )
     start = linear_start(robot, camera)
-    axis = axis_spread(motion_pairs(robot, camera)).axes[:, 0]
+    axis = axis_spread(motions_between(robot, camera)).axes[:, 0]
     X = truth.gripper_T_camera
     # Against noise: four times the rms errors of this motion over 100 seeds.
     assert rotation_error(start.gripper_T_camera, X) < 1e-8 + noise * 2e-3
@@ -77,7 +84,7 @@ def test_noise_is_not_taken_for_a_second_axis() -> None:
         wanted = case(robot, X_RANDOM, 0.4)
         reported = disturbed(rng, robot, math.radians(0.4), 1e-4)
         start = linear_start(reported, wanted.world_T_camera)
-        axis = axis_spread(motion_pairs(reported, wanted.world_T_camera)).axes[:, 0]
+        axis = axis_spread(motions_between(reported, wanted.world_T_camera)).axes[:, 0]
         assert start.gripper_T_camera[:3, 3] @ axis == pytest.approx(0.0, abs=1e-3)
         # Sideways: the positions' 0.12 m times the wobble, over ten degrees of turn.
         assert translation_error(start.gripper_T_camera, X_RANDOM) < 0.15
@@ -137,7 +144,7 @@ def test_one_axis_is_refused_with_the_reason(motions: str) -> None:
     with pytest.raises(UnobservableError, match="share one axis, so the camera's position along"):
         andreff_scale(data)
     # The same motion again adds nothing.
-    pairs = motion_pairs(data.base_T_gripper, data.world_T_camera)
+    pairs = motions_between(data.base_T_gripper, data.world_T_camera)
     repeated = np.zeros(20, dtype=np.int64)
     again = MotionPairs(
         i=pairs.i[repeated],

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from exact_poses import rotation_error, translation_error
+from exact_poses import motions_between, rotation_error, translation_error
 from handeye_fg.frames import Array, inverse, rotation_angle
-from handeye_fg.motions import MotionPairs, motion_pairs
+from handeye_fg.motions import MotionPairs
 from handeye_fg.simulate import Motion, simulate_poses
 from handeye_fg.solvers import Solution, andreff_scale, linear_start
 
@@ -70,9 +70,9 @@ def test_wide_baselines_beat_consecutive_pairs() -> None:
 
 def test_selected_pairs_are_as_good_as_all() -> None:
     robot, camera, truth = simulate_poses(np.random.default_rng(11), n_poses=120, **NOISE)
-    everything = andreff_scale(motion_pairs(robot, camera, max_pairs=10_000))
-    selected = andreff_scale(motion_pairs(robot, camera))
-    assert len(motion_pairs(robot, camera)) == 2000
+    everything = andreff_scale(motions_between(robot, camera, max_pairs=10_000))
+    selected = andreff_scale(motions_between(robot, camera))
+    assert len(motions_between(robot, camera)) == 2000
     best = translation_error(everything.gripper_T_camera, truth.gripper_T_camera)
     found = translation_error(selected.gripper_T_camera, truth.gripper_T_camera)
     # Both errors are some hundredths of a millimetre.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from exact_poses import motions_between
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp, inverse, pose, rotation_angle, scaled
-from handeye_fg.motions import motion_pairs
 from handeye_fg.simulate import disturbed, simulate_poses
 from handeye_fg.solvers import (
     Solution,
@@ -24,7 +24,7 @@ def test_poses_of_wrong_shape_are_refused() -> None:
 
 def test_residuals_are_the_known_misfit() -> None:
     robot, camera, truth = simulate_poses(np.random.default_rng(1))
-    pairs = motion_pairs(robot, camera)
+    pairs = motions_between(robot, camera)
     scale = truth.metres_per_world_unit
     angles, lengths = motion_residuals(pairs, truth.gripper_T_camera, scale)
     np.testing.assert_allclose(angles, 0.0, atol=1e-7)

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from handeye_fg.frames import Array, inverse, pose
-from handeye_fg.intrinsics import opencv_distortion
 from handeye_fg.patterns import AprilTagGrid, Charuco, Grid, Pattern, Target, corners_target
 from handeye_fg.simulate import project
 from handeye_fg.types import CameraModel
@@ -77,15 +76,15 @@ def drawn(pattern: Grid) -> tuple[NDArray[np.uint8], Array]:
 
 @lru_cache(maxsize=4)
 def line_of_sight(width: int, height: int, params: tuple[float, ...]) -> Array:
-    """Rays (n, 3) of all pixels of the finer image, row by row."""
-    camera = CameraModel(model="OPENCV", width=width, height=height, params=np.array(params))
-    K, dist = opencv_distortion(camera)
+    """Rays (n, 3) of all pixels of the finer image, row by row, of an OPENCV camera."""
+    fx, fy, cx, cy, *distortion = params
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     u, v = np.meshgrid(
         (np.arange(width * OVERSAMPLING) + 0.5) / OVERSAMPLING,
         (np.arange(height * OVERSAMPLING) + 0.5) / OVERSAMPLING,
     )
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    rays = cv2.undistortPoints(pixels.reshape(-1, 1, 2), K, dist).reshape(-1, 2)
+    rays = cv2.undistortPoints(pixels.reshape(-1, 1, 2), K, np.array(distortion)).reshape(-1, 2)
     return np.column_stack([rays, np.ones(len(rays))])
 
 

@@ -28,7 +28,6 @@ from handeye_fg.graph.poses.measurements import (
     tie,
 )
 from handeye_fg.graph.variables import BASE_T_WORLD, GRIPPER_T_CAMERA, camera_key, matrix_of
-from handeye_fg.progress import silent
 
 Rows = NDArray[np.bool_]
 
@@ -146,7 +145,6 @@ def fitted(problem: Problem, first: State, rows: Rows, model: NoiseModel) -> Fit
             values,
             columns.ordering,
             max_iterations=_MAX_ITERATIONS,
-            progress=silent,
         )
         values = optimum.values
         linear = rows_of(measurements, part.priors, values, columns, model.components)
