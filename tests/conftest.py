@@ -10,12 +10,16 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from hypothesis import settings
 
 from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
 from handeye_fg.types import CameraModel, Indices, RobotPoses
 from tabletop import TABLETOP
 
+# A busy machine is no failure.
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
 # What they assert tells the values, as in a module of tests.
 pytest.register_assert_rewrite("exact_poses", "export_readers", "pose_files", "pose_graphs")
 

@@ -2,7 +2,7 @@
 
 import gtsam
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -22,9 +22,6 @@ from handeye_fg.frames import (
     scaled,
 )
 
-# A busy machine is no failure.
-UNHURRIED = settings(deadline=None)
-
 # Each component at most 1.75: rotation angles stay below 3.04, clear of the jump of the logarithm
 # at pi. Magnitudes below 1e-9 are covered by zero.
 component = st.one_of(st.floats(-1.75, -1e-9), st.just(0.0), st.floats(1e-9, 1.75))
@@ -32,14 +29,12 @@ twists = arrays(np.float64, 6, elements=component)
 points = arrays(np.float64, 3, elements=st.floats(-100.0, 100.0))
 
 
-@UNHURRIED
 @given(twists)
 def test_log_inverts_exp(xi: np.ndarray) -> None:
     # The logarithm divides by sin(angle / 2)-like terms: 1e-16 / (pi - 3.04) leaves 1e-14.
     np.testing.assert_allclose(log(exp(xi)), xi, atol=1e-12)
 
 
-@UNHURRIED
 @given(twists)
 def test_exp_and_log_are_those_of_gtsam(xi: np.ndarray) -> None:
     expected = gtsam.Pose3.Expmap(xi)
@@ -54,7 +49,6 @@ def test_order_is_rotation_then_translation() -> None:
     np.testing.assert_array_equal(exp(np.array([0.0, 0.0, 0.0, 1.0, 2.0, 3.0]))[:3, 3], [1, 2, 3])
 
 
-@UNHURRIED
 @given(twists, twists)
 def test_perturbations_are_on_the_right_as_in_gtsam(mean_xi: np.ndarray, xi: np.ndarray) -> None:
     mean = exp(mean_xi)
@@ -66,7 +60,6 @@ def test_perturbations_are_on_the_right_as_in_gtsam(mean_xi: np.ndarray, xi: np.
     )
 
 
-@UNHURRIED
 @given(twists, twists)
 def test_covariance_moves_to_the_parent_by_the_adjoint(mean_xi: np.ndarray, xi: np.ndarray) -> None:
     mean, small = exp(mean_xi), 0.1 * xi
@@ -74,7 +67,6 @@ def test_covariance_moves_to_the_parent_by_the_adjoint(mean_xi: np.ndarray, xi: 
     np.testing.assert_allclose(mean @ exp(small), exp(adjoint(mean) @ small) @ mean, atol=1e-9)
 
 
-@UNHURRIED
 @given(twists)
 def test_inverse(xi: np.ndarray) -> None:
     a_T_b = exp(xi)
@@ -82,7 +74,6 @@ def test_inverse(xi: np.ndarray) -> None:
     np.testing.assert_allclose(inverse(inverse(a_T_b)), a_T_b, atol=1e-14)
 
 
-@UNHURRIED
 @given(twists, points)
 def test_pose_takes_points_of_the_child_to_the_parent(xi: np.ndarray, p_b: np.ndarray) -> None:
     R, t = exp(xi)[:3, :3], xi[3:]
@@ -110,7 +101,6 @@ def test_scaled_changes_a_copy_and_only_translations() -> None:
     np.testing.assert_array_equal(result[:, :3, 3], 2.5 * before[:, :3, 3])
 
 
-@UNHURRIED
 @given(twists)
 def test_quaternion_is_canonical_and_names_its_order(xi: np.ndarray) -> None:
     R = exp(xi)[:3, :3]
@@ -123,7 +113,6 @@ def test_quaternion_of_a_half_turn() -> None:
     np.testing.assert_array_equal(quaternion_xyzw(np.diag([1.0, -1.0, -1.0])), [1.0, 0.0, 0.0, 0.0])
 
 
-@UNHURRIED
 @given(twists, arrays(np.float64, (3, 3), elements=st.floats(-0.1, 0.1)))
 def test_orthonormalised_is_the_nearest_rotation(xi: np.ndarray, error: np.ndarray) -> None:
     disturbed = exp(xi)[:3, :3] + error

@@ -55,7 +55,7 @@ def test_the_tool_is_the_origin_of_the_gripper():
     assert found.at_work.distance == pytest.approx(0.4)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**31), st.floats(3.5, 200.0), st.floats(0.05, 5.0))
 def test_a_larger_covariance_makes_larger_errors(seed, freedom, distance):
     rng = np.random.default_rng(seed)

@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from handeye_fg.errors import InputDataError
 from handeye_fg.io.cameras import read_camera
 
-quick = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 K = np.array([[600.5, 0.0, 321.25], [0.0, 598.25, 239.5], [0.0, 0.0, 1.0]])
 
 

@@ -15,9 +15,7 @@ from handeye_fg.priors import DistancePrior, PosePrior, Prior
 
 POSITIVE = st.floats(1e-6, 1e6)
 AXIS = st.tuples(POSITIVE, POSITIVE, POSITIVE)
-quick = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def written(folder: Path, text: str | bytes) -> Path:

@@ -27,7 +27,15 @@ from handeye_fg.io.results import (
 
 # Keys that results of earlier versions do not have; of them see tests/test_earlier_results.py.
 LATER = (
-    *("image_inflation", "corner_px", "other", "focal_offset", "correlation", "std_growth", "w_test"),
+    *(
+        "image_inflation",
+        "corner_px",
+        "other",
+        "focal_offset",
+        "correlation",
+        "std_growth",
+        "w_test",
+    ),
     *("influence_rotation_deg", "influence_translation_mm"),
 )
 VALIDATOR = jsonschema.Draft202012Validator(result_schema())

@@ -13,9 +13,7 @@ from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp, pose
 from handeye_fg.io.poses import FORMATS, poses_from_mapping, read_poses
 
-quick = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 HEADER = "image,x,y,z,qx,qy,qz,qw"
 ROW = "a.png,1,2,3,0,0,0,1"
 

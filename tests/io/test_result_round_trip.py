@@ -33,9 +33,7 @@ from handeye_fg.io.results import (
 )
 from handeye_fg.types import CameraModel
 
-quick = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 VALIDATOR = jsonschema.Draft202012Validator(result_schema())
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from exact_poses import (
@@ -24,8 +24,6 @@ from handeye_fg.motions import MotionPairs, axis_spread
 from handeye_fg.simulate import disturbed, simulate_poses
 from handeye_fg.solvers import andreff_scale, linear_start
 
-# A busy machine is no failure.
-UNHURRIED = settings(deadline=None)
 scales = st.floats(-4.0, 4.0).map(math.exp)
 
 
@@ -107,7 +105,6 @@ def solvable(wanted: Case) -> MotionPairs:
     return pairs
 
 
-@UNHURRIED
 @given(pose_lists, twists, scales)
 def test_recovers_any_x_and_scale(robot: Array, xi: Array, scale: float) -> None:
     wanted = case(robot, exp(xi), scale)
@@ -115,7 +112,6 @@ def test_recovers_any_x_and_scale(robot: Array, xi: Array, scale: float) -> None
     assert_exact(linear_start(wanted.base_T_gripper, wanted.world_T_camera), wanted)
 
 
-@UNHURRIED
 @given(pose_lists, twists, twists, twists)
 def test_other_base_and_world_frames_leave_x(
     robot: Array, xi: Array, base_change: Array, world_change: Array
@@ -132,7 +128,6 @@ def test_other_base_and_world_frames_leave_x(
     np.testing.assert_allclose(start.base_T_world, expected, atol=1e-7)
 
 
-@UNHURRIED
 @given(st.integers(0, 2**32 - 1), twists, twists, scales)
 def test_frames_and_unit_do_not_matter_with_noise_either(
     seed: int, base_change: Array, world_change: Array, unit: float
@@ -149,7 +144,6 @@ def test_frames_and_unit_do_not_matter_with_noise_either(
     assert moved.residual_translation == pytest.approx(plain.residual_translation, rel=1e-6)
 
 
-@UNHURRIED
 @given(pose_lists, twists)
 def test_exchanging_robot_and_camera_inverts_x(robot: Array, xi: Array) -> None:
     wanted = case(robot, exp(xi), 1.0)
@@ -160,7 +154,6 @@ def test_exchanging_robot_and_camera_inverts_x(robot: Array, xi: Array) -> None:
     np.testing.assert_allclose(inverse(found.gripper_T_camera), exp(xi), atol=1e-8)
 
 
-@UNHURRIED
 @given(st.integers(0, 2**32 - 1))
 def test_order_of_the_poses_does_not_matter_for_the_rotation(seed: int) -> None:
     """A motion and its inverse weigh the same in step 1; step 2 sees the noise from one end."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from exact_poses import pose_lists, twists
@@ -15,8 +15,6 @@ from handeye_fg.solvers import METHODS, Solution, li
 from handeye_fg.solvers.solution import Solver
 
 METRIC = [method.solve for method in METHODS.values() if method.scale_known]
-# A busy machine is no failure.
-UNHURRIED = settings(deadline=None)
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -45,7 +43,6 @@ def answers(data: PosePairs) -> Iterator[tuple[Solver, Solution]]:
             assert solve is li
 
 
-@UNHURRIED
 @given(pose_lists, twists, twists)
 def test_all_agree_without_noise(robot: Array, xi: Array, world: Array) -> None:
     X, Z = exp(xi), exp(world)
@@ -56,7 +53,6 @@ def test_all_agree_without_noise(robot: Array, xi: Array, world: Array) -> None:
             np.testing.assert_allclose(found.base_T_world, Z, atol=1e-8, err_msg=str(solve))
 
 
-@UNHURRIED
 @given(pose_lists, twists)
 def test_exchanging_robot_and_camera_inverts_x(robot: Array, xi: Array) -> None:
     camera = robot @ exp(xi)
@@ -70,7 +66,6 @@ def test_exchanging_robot_and_camera_inverts_x(robot: Array, xi: Array) -> None:
         np.testing.assert_allclose(product, np.eye(4), atol=1e-8, err_msg=str(solve))
 
 
-@UNHURRIED
 @given(pose_lists, twists, twists, twists, seeds)
 def test_other_base_and_world_frames_leave_x(
     robot: Array, xi: Array, base_change: Array, world_change: Array, seed: int
@@ -92,7 +87,6 @@ def test_other_base_and_world_frames_leave_x(
             np.testing.assert_allclose(other.base_T_world, expected, atol=1e-7)
 
 
-@UNHURRIED
 @given(pose_lists, twists, st.floats(-3.0, 2.0), seeds)
 def test_the_unit_of_length_does_not_matter(
     robot: Array, xi: Array, exponent: float, seed: int

@@ -28,7 +28,7 @@ from kinds_of_motion import (
     separate,
 )
 
-UNHURRIED = settings(deadline=None, max_examples=25)
+FEW = settings(max_examples=25)
 
 
 @pytest.mark.parametrize("row", TABLE)
@@ -96,7 +96,7 @@ rows = st.sampled_from(sorted(TABLE))
 scales = st.floats(-3.0, 3.0).map(np.exp)
 
 
-@UNHURRIED
+@FEW
 @given(rows, twists, scales)
 def test_any_mounting_closes_the_chain(row: str, xi: Array, scale: float) -> None:
     data = separate(TABLE[row][0], exp(xi), scale)
@@ -106,7 +106,7 @@ def test_any_mounting_closes_the_chain(row: str, xi: Array, scale: float) -> Non
     assert np.linalg.eigvalsh(covariance / np.outer(LIMITS, LIMITS))[0] > 0.0
 
 
-@UNHURRIED
+@FEW
 @given(rows, twists, twists)
 def test_the_frames_do_not_matter(row: str, base: Array, world: Array) -> None:
     data = as_poses(TABLE[row][0], X_RANDOM, SCALE, np.random.default_rng(1))
@@ -119,7 +119,7 @@ def test_the_frames_do_not_matter(row: str, base: Array, world: Array) -> None:
     assert again.metres_per_world_unit == pytest.approx(found.metres_per_world_unit, rel=1e-7)
 
 
-@UNHURRIED
+@FEW
 @given(st.floats(0.01, 100.0))
 def test_the_unit_of_the_world_scales_the_scale_only(factor: float) -> None:
     rng = np.random.default_rng(6)

@@ -102,7 +102,7 @@ def test_the_table_of_the_covariance() -> None:
         export_text(make_result(covariance=None, certainty=None), "covariance")
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.tuples(*[st.floats(-np.pi, np.pi)] * 3),
     st.sampled_from([0.0, 1e-12, 1e-9, 1e-7, 1e-4]),

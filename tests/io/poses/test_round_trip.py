@@ -12,9 +12,7 @@ from handeye_fg.io.poses import FORMATS, open_poses, write_poses
 from handeye_fg.options import PoseFileOptions
 from handeye_fg.types import RobotPoses
 
-quick = settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FILES = {"ros": "poses.yaml", "moveit": "poses.yaml", "robot-cal-tools": "data.yaml"}
 
 coordinates = st.floats(-5.0, 5.0)
