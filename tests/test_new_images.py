@@ -21,7 +21,7 @@ from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import Scene
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.simulate.scenes import disturbed
-from tabletop import TABLETOP
+from tabletop import HALF_CAMERA, NAMES, TABLETOP, save_halves
 
 N_OLD, N_NEW = 12, 4
 
@@ -139,31 +139,23 @@ def test_errors_are_as_large_as_expected():
 
 
 @pytest.fixture(scope="module")
-def halved(tmp_path_factory):
-    """Half-size images of the table, ten old ones and two new ones, and their camera."""
+def folder(tmp_path_factory):
+    """Half-size images of the table, ten old ones and two new ones."""
     folder = tmp_path_factory.mktemp("halved")
     (folder / "old").mkdir()
     (folder / "new").mkdir()
-    poses = hf.read_poses(TABLETOP / "poses.csv")
-    for i, name in enumerate(poses.names[:12]):
-        image = cv2.imread(str(TABLETOP / "images" / name))
-        small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        # The new ones have names of old ones: they are other images all the same.
-        place = folder / ("new" if i in (4, 9) else "old")
-        cv2.imwrite(str(place / name), small)
-    camera = hf.read_camera(TABLETOP / "camera.yaml")
-    params = camera.params.copy()
-    params[:4] *= 0.5
-    return folder, hf.CameraModel(model=camera.model, width=640, height=480, params=params)
+    save_halves(folder / "old", 12)
+    for i in (4, 9):
+        (folder / "old" / NAMES[i]).rename(folder / "new" / NAMES[i])
+    return folder
 
 
 @pytest.mark.e2e
 @pytest.mark.slow
-def test_new_images_of_the_table(halved, tmp_path):
-    folder, camera = halved
+def test_new_images_of_the_table(folder, tmp_path):
     options = hf.Options(sfm=hf.SfmOptions(preset="fast"))
     poses = TABLETOP / "poses.csv"
-    given = {"camera": camera, "options": options, "output": tmp_path}
+    given = {"camera": HALF_CAMERA, "options": options, "output": tmp_path}
     plain = hf.calibrate(folder / "old", poses, **given)
     result = hf.calibrate(folder / "old", poses, holdout=(folder / "new", poses), **given)
     np.testing.assert_array_equal(result.matrix, plain.matrix)

@@ -48,7 +48,10 @@ def fetched(place: str, folder: Path) -> str:
     """
     if not is_url(place):
         return place
-    target = folder / PurePosixPath(place).name
+    last = PurePosixPath(place).name
+    if last == "..":
+        raise InputDataError(f"{place}: names no file or folder, but ..; give its whole URL")
+    target = folder / last
     with _translated(place):
         system, _ = fsspec.core.url_to_fs(place)
         for name, info in _listed(place):

@@ -63,13 +63,21 @@ def test_a_path_is_used_where_it_is(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["/in/../../evil", r"/in/..\..\evil"])
 def test_a_name_in_a_store_cannot_lead_out(
-    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listing = {"/in/../../evil": {"name": "/in/../../evil", "size": 1, "type": "file"}}
+    listing = {name: {"name": name, "size": 1, "type": "file"}}
     monkeypatch.setattr(type(store), "find", lambda *_, **__: listing)
     with pytest.raises(InputDataError, match="leads out"):
         sources.fetched("memory://in", tmp_path / "scratch")
+
+
+def test_a_url_cannot_lead_out(store: fsspec.AbstractFileSystem, tmp_path: Path) -> None:
+    store.pipe("/in/../evil", b"E")
+    with pytest.raises(InputDataError, match=r"memory://in/\.\.: names no file or folder"):
+        sources.fetched("memory://in/..", tmp_path / "scratch")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("url", ["memory://nothing/here", "nosuchstore://x", "s3://x/y"])

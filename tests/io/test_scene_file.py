@@ -1,7 +1,9 @@
+import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,13 +62,25 @@ def test_what_is_no_scene_is_refused(content: bytes, tmp_path: Path) -> None:
         read_scene(tmp_path)
 
 
+class Trap:
+    """What runs as soon as it is unpickled."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, (str(self.marker),)
+
+
 def test_pickles_are_not_opened(scene: RefinedScene, tmp_path: Path) -> None:
     path = write_scene(scene, tmp_path)
     with np.load(path) as found:
         arrays = dict(found)
-    np.savez(path, **(arrays | {"names": np.array([{"a": 1}], dtype=object)}))
-    with pytest.raises(InputDataError, match="not a scene"):
+    trap = np.array([Trap(tmp_path / "sprung")] * 2, dtype=object)
+    np.savez(path, **(arrays | {"names": trap}))
+    with pytest.raises(InputDataError, match=r"not a scene \(Object arrays cannot be loaded"):
         read_scene(tmp_path)
+    assert not (tmp_path / "sprung").exists()
 
 
 def test_archives_that_unpack_to_too_much_are_not_unpacked(tmp_path: Path) -> None:
@@ -76,6 +90,20 @@ def test_archives_that_unpack_to_too_much_are_not_unpacked(tmp_path: Path) -> No
         read_scene(tmp_path)
 
 
-def test_images_that_have_no_name_are_refused(scene: RefinedScene) -> None:
-    with pytest.raises(ValueError, match="not those of names"):
-        replace(scene, names=("a.png",))
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"names": ("a.png",)}, "not those of names"),
+        ({"image": np.full(30, -1)}, "not those of names"),
+        ({"points": np.zeros((50, 2))}, "points: array"),
+        ({"pixels": np.zeros((29, 2))}, "pixels: array"),
+        ({"errors": np.zeros((30, 3))}, "errors: array"),
+        ({"sigmas": np.full(30, np.nan)}, "sigmas: array"),
+        ({"path": np.zeros((3, 3, 4))}, "path: array"),
+    ],
+)
+def test_scenes_that_cannot_be_are_refused(
+    scene: RefinedScene, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(scene, **changes)
