@@ -10,8 +10,8 @@ from colmap_models import PARAMS, synthetic
 from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import inverse
 from handeye_fg.sfm import read_model
+from handeye_fg.sfm.ladder import _thin
 from handeye_fg.sfm.model import _distinct
-from handeye_fg.sfm.reconstruct import _thin
 from handeye_fg.types import Tracks
 
 
