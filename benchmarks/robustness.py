@@ -34,7 +34,8 @@ from handeye_fg import frames
 from handeye_fg.graph import refine, start_state
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
-from handeye_fg.simulate import project, simulate_scene
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate.wrong_tracks import astray, scattered
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import Tracks
 
@@ -178,33 +179,6 @@ def table(cases, images, draws):
                     f"| {np.median([one['time'] for one in found]):.2f} |",
                     flush=True,
                 )
-
-
-def scattered(scene, rng, part):
-    """Observations anywhere in their image."""
-    tracks = scene.model.tracks
-    pixels = np.array(tracks.pixels)
-    bad = rng.choice(len(pixels), int(part * len(pixels)), replace=False)
-    size = [scene.camera.width, scene.camera.height]
-    pixels[bad] = rng.uniform([0.0, 0.0], size, (len(bad), 2))
-    return replace(tracks, pixels=pixels)
-
-
-def astray(scene, rng, part, distances):
-    """Tracks that see another point in half of their images; so there are two for each wrong part."""
-    tracks = scene.model.tracks
-    pixels, points = np.array(tracks.pixels), np.array(tracks.points_world)
-    for j in rng.choice(len(points), int(2 * part * len(points)), replace=False):
-        seen = np.flatnonzero(tracks.point_index == j)
-        bad = rng.choice(seen, len(seen) // 2, replace=False)
-        away = rng.standard_normal(3)
-        away *= rng.uniform(*distances) / np.linalg.norm(away) / scene.metres_per_world_unit
-        camera_T_world = frames.inverse(scene.world_T_camera[tracks.image_index[bad]])
-        other = camera_T_world @ np.append(scene.points_world[j] + away, 1.0)
-        pixels[bad] = project(scene.camera, other[:, :3])
-        pixels[bad] += scene.noise.pixel * rng.standard_normal((len(bad), 2))
-        points[j] += 0.5 * away
-    return replace(tracks, pixels=pixels, points_world=points)
 
 
 def misled(scene, rng, part):

@@ -2,8 +2,9 @@
 
 ``scenes``: robots, cameras and what a calibration gets of them, under additive noise. ``series``: the
 random motions of Andreff, Horaud and Espiau's simulations, under proportional noise. ``published``:
-the methods that they compared, as their papers state them. ``rig``: several cameras on one arm. ``arms``: an arm whose links are
-not as its controller believes.
+the methods that they compared, as their papers state them. ``rig``: several cameras on one arm.
+``arms``: an arm whose links are not as its controller believes. ``careless``: poses in other conventions
+than they are said to be. ``wrong_tracks``: observations that are not of their point.
 """
 
 from handeye_fg.simulate.arms import LinkErrors, simulate_arm_scene

@@ -9,13 +9,12 @@ from scipy import stats
 from handeye_fg.graph import start_state
 from handeye_fg.graph.certainty import certainty, enlarged
 from handeye_fg.graph.levels import level_spread
-from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.noise import PRIOR_WEIGHT, solve
-from handeye_fg.graph.problem import make_problem
 from handeye_fg.graph.reduced import scatter
 from handeye_fg.options import NoiseOptions
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
+from problems import problem_of
 
 
 def positive(seed, n):
@@ -68,16 +67,7 @@ def test_information_on_the_levels_is_that_of_the_dense_model():
         [scene.camera],
         linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera),
     )
-    tracks = scene.model.tracks
-    kept = Kept(
-        state=state,
-        tracks=tracks,
-        sigma_scale=np.ones(len(tracks.pixels)),
-        pixel=scene.noise.pixel,
-        corner=1.0,
-    )
-    problem = make_problem(kept, scene.robot_poses.base_T_gripper, "base", (), None, ())
-    linearised = problem.linearised(state)
+    linearised = problem_of(scene, state).linearised(state)
     solution = solve(linearised, scene.noise)
     found = level_spread(linearised, solution, NoiseOptions()).information
     noise, C = scene.noise, solution.covariance

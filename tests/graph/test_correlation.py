@@ -10,14 +10,13 @@ from handeye_fg.findings import LinearStart
 from handeye_fg.graph import refine, start_state
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.elimination import batches, by_regions, eliminate
-from handeye_fg.graph.mismatches import Kept
 from handeye_fg.graph.noise import solve
-from handeye_fg.graph.problem import make_problem
 from handeye_fg.graph.reduced import Layout
 from handeye_fg.graph.variables import LOG_SCALE
 from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
+from problems import problem_of
 
 # Robot poses that are exact, for all that matters: X is as certain as the images are.
 EXACT = NoiseOptions(robot_rotation_deg=1e-3, robot_translation_mm=1e-3)
@@ -78,15 +77,8 @@ def refined(scene):
 
 def factor(scene):
     """The factor of X and the scale, with the true noise levels."""
-    state, tracks = start_of(scene), scene.model.tracks
-    kept = Kept(
-        state=state,
-        tracks=tracks,
-        sigma_scale=np.ones(len(tracks.pixels)),
-        pixel=scene.noise.pixel,
-        corner=1.0,
-    )
-    problem = make_problem(kept, scene.robot_poses.base_T_gripper, "base", (), None, ())
+    state = start_of(scene)
+    problem = problem_of(scene, state)
     solution = solve(problem.linearised(state), scene.noise)
     layout = problem.layout
     columns = np.append(layout.x_columns(), layout.columns(LOG_SCALE))

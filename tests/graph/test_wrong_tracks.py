@@ -7,40 +7,21 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.simulate import project, simulate_scene
+from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate.wrong_tracks import astray, scattered
 
 RUNS = 15
 ROTATION, TRANSLATION = np.deg2rad(0.02), 1e-4
 
 
-def scattered(scene, rng):
+def anywhere(scene, rng):
     """A fifth of the observations anywhere in their image."""
-    tracks = scene.model.tracks
-    pixels = np.array(tracks.pixels)
-    bad = rng.choice(len(pixels), len(pixels) // 5, replace=False)
-    size = [scene.camera.width, scene.camera.height]
-    pixels[bad] = rng.uniform([0.0, 0.0], size, (len(bad), 2))
-    return replace(tracks, pixels=pixels)
+    return scattered(scene, rng, 0.2)
 
 
 def misled(scene, rng):
-    """A fifth of the tracks see another point, 10 to 50 mm away, in half of their images.
-
-    The model has the point half-way between the two.
-    """
-    tracks = scene.model.tracks
-    pixels, points = np.array(tracks.pixels), np.array(tracks.points_world)
-    for j in rng.choice(len(points), len(points) // 5, replace=False):
-        seen = np.flatnonzero(tracks.point_index == j)
-        bad = rng.choice(seen, len(seen) // 2, replace=False)
-        away = rng.standard_normal(3)
-        away *= rng.uniform(0.01, 0.05) / np.linalg.norm(away) / scene.metres_per_world_unit
-        camera_T_world = frames.inverse(scene.world_T_camera[tracks.image_index[bad]])
-        other = camera_T_world @ np.append(scene.points_world[j] + away, 1.0)
-        pixels[bad] = project(scene.camera, other[:, :3])
-        pixels[bad] += scene.noise.pixel * rng.standard_normal((len(bad), 2))
-        points[j] += 0.5 * away
-    return replace(tracks, pixels=pixels, points_world=points)
+    """A fifth of the tracks see another point, 10 to 50 mm away, in half of their images."""
+    return astray(scene, rng, 0.1, (0.01, 0.05))
 
 
 def draw(refined, spoilt, seed):
@@ -67,7 +48,7 @@ def draw(refined, spoilt, seed):
 
 
 @pytest.mark.simulation
-@pytest.mark.parametrize("spoilt", [scattered, misled])
+@pytest.mark.parametrize("spoilt", [anywhere, misled])
 def test_wrong_observations_neither_bias_x_nor_the_noise_levels(refined, spoilt):
     nees, ratios, outliers = zip(
         *(draw(refined, spoilt, seed) for seed in range(RUNS)), strict=True

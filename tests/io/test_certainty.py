@@ -65,23 +65,23 @@ def test_there_and_back(changed: Callable[..., Result]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "value"),
+    ("path", "value", "message"),
     [
-        (("degrees_of_freedom",), [1.0, 2.0]),
-        (("half_width_rotation_deg",), [1.0, "a", 2.0]),
-        (("noise", "pixel_px", "source"), "nobody"),
-        (("robot", "white"), 1),
+        (("degrees_of_freedom",), [1.0, 2.0], "must be 7 numbers or nulls"),
+        (("half_width_rotation_deg",), [1.0, "a", 2.0], "must be 3 numbers or nulls"),
+        (("noise", "pixel_px", "source"), "nobody", "must be one of"),
+        (("robot", "white"), 1, "must be true or false"),
     ],
 )
 def test_what_is_none_is_refused(
-    path: tuple[str, ...], value: object, changed: Callable[..., Result]
+    path: tuple[str, ...], value: object, message: str, changed: Callable[..., Result]
 ) -> None:
     document: Any = copy.deepcopy(to_document(changed(certainty=report())))
     place = document["certainty"]
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = value
-    with pytest.raises(InputDataError, match=path[-1]):
+    with pytest.raises(InputDataError, match=f"{path[-1]} is .*, but {message}"):
         from_document(document)
 
 

@@ -162,6 +162,7 @@ def test_what_is_no_object_is_refused(document: object) -> None:
         ({"matrix": np.eye(3)}, "matrix: array.shape"),
         ({"matrix": 1e200 * np.eye(4)}, "matrix: not a rigid"),
         ({"matrix": np.diag([1.0, 1.0, -1.0, 1.0])}, "matrix: not a rigid"),
+        ({"matrix": np.diag([1.1, 1.1, 1.1, 1.0])}, "matrix: not a rigid"),
         ({"matrix": np.diag([1.0, 1.0, 1.0, 2.0])}, "matrix: not a rigid"),
         ({"base_T_world": np.full((4, 4), np.nan)}, "base_T_world: .* finite numbers"),
         ({"covariance": np.eye(3)}, "covariance: array.shape"),

@@ -133,5 +133,7 @@ def test_no_urdf(tmp_path, monkeypatch):
 def test_a_workspace_needs_two_corners():
     with pytest.raises(ValueError, match="2 corners"):
         Workspace((0.0, 0.0), (1.0, 1.0))
+    with pytest.raises(ValueError, match="2 corners"):
+        Workspace((0.0, 0.0, 0.0), (1.0, 1.0, np.nan))
     with pytest.raises(ValueError, match="smaller to the larger"):
         Workspace((0.0, 0.0, 1.0), (1.0, 1.0, 1.0))

@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from handeye_fg import frames
+from handeye_fg import frames, parts
 from handeye_fg.progress import silent
 from handeye_fg.sfm import complete
 from handeye_fg.sfm.guided import agreeing_pairs, likelier_turns, model_agreement, turns_of_pairs
@@ -143,21 +143,11 @@ def test_a_model_is_judged_by_all_images_not_by_those_it_has(scene: Scene, tmp_p
 
 
 def only(scene: Scene, kept: list[int]) -> SfmModel:
-    """The model with some of its images."""
-    tracks, model = scene.model.tracks, scene.model
-    inside = np.isin(tracks.image_index, kept)
+    """The model with some of its images; the others were not placed."""
+    names = scene.model.names
     return replace(
-        model,
-        names=tuple(model.names[i] for i in kept),
-        world_T_camera=model.world_T_camera[kept],
-        image_camera=model.image_camera[kept],
-        tracks=Tracks(
-            points_world=tracks.points_world,
-            image_index=np.searchsorted(kept, tracks.image_index[inside]),
-            point_index=tracks.point_index[inside],
-            pixels=tracks.pixels[inside],
-        ),
-        unregistered=tuple((model.names[i], "why") for i in range(N_IMAGES) if i not in kept),
+        parts.only(scene.model, [names[i] for i in kept]),
+        unregistered=tuple((names[i], "why") for i in range(N_IMAGES) if i not in kept),
     )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import handeye_fg as hf
 from handeye_fg.errors import InputDataError
 from handeye_fg.frames import exp
-from handeye_fg.io.poses import FORMATS, open_poses, write_poses
+from handeye_fg.io.poses import FORMATS, open_poses, reader, write_poses
 from handeye_fg.options import PoseFileOptions
 from handeye_fg.types import RobotPoses
 
@@ -313,7 +313,7 @@ def test_rows_that_are_no_poses(tmp_path, content, known, message):
         hf.read_poses(path, **known)
 
 
-def test_a_folder_of_other_things(tmp_path):
+def test_a_folder_of_other_things(tmp_path, monkeypatch):
     with pytest.raises(InputDataError, match="0 files named"):
         hf.read_poses(tmp_path)
     (tmp_path / "a.txt").write_text("1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1")
@@ -322,6 +322,9 @@ def test_a_folder_of_other_things(tmp_path):
         hf.read_poses(tmp_path)
     (tmp_path / "b.txt").write_text("1 0 0 1 0 1 0 2 0 0 1 3\n" * 2)
     with pytest.raises(InputDataError, match=r"b\.txt: holds 2 poses"):
+        hf.read_poses(tmp_path)
+    monkeypatch.setattr(reader, "_MOST_FILES", 1)
+    with pytest.raises(InputDataError, match=r"2 files named .*, at most 1;"):
         hf.read_poses(tmp_path)
 
 

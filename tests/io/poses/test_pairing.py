@@ -147,6 +147,10 @@ def test_order_is_never_silent(tmp_path):
         hf.read_poses(path, images=[*names[1:], "12.png"], pair_by="number")
     with pytest.raises(InputDataError, match="have no image names, which --pair-by name needs"):
         hf.read_poses(path, images=names, pair_by="name")
+    with pytest.raises(InputDataError, match="have no times, which --pair-by time needs"):
+        hf.read_poses(path, images=names, pair_by="time")
+    with pytest.raises(InputDataError, match="have no names, which --pair-by name needs"):
+        hf.read_poses(path, pair_by="name")
 
 
 def test_times_that_are_numbers_of_images(tmp_path):
