@@ -2,7 +2,9 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +15,14 @@ from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.from_poses import solve
 from handeye_fg.inputs import PosesSource, read_model_inputs, read_robot_poses
+from handeye_fg.io.image_arrays import ImageArrays, as_folder
 from handeye_fg.io.images import list_cameras
 from handeye_fg.io.model_poses import TRANSFORMS, read_camera_poses
 from handeye_fg.io.results import Result
 from handeye_fg.options import Options, PoseFileOptions, RobotNoise
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Progress, Stopwatch, silent
+from handeye_fg.proof import of_new_images, read_new
 from handeye_fg.scene import Scene, agreed
 from handeye_fg.types import SfmModel, folders_of
 
@@ -32,6 +36,7 @@ def refine(
     options: Options | None = None,
     *,
     images: str | Path | None = None,
+    holdout: tuple[str | Path | ImageArrays, PosesSource] | None = None,
     progress: Progress = silent,
 ) -> Result:
     """Find the pose of a camera on a robot arm from an existing reconstruction.
@@ -48,6 +53,8 @@ def refine(
         poses: file of poses, or {image name: base_T_gripper (4, 4)} in metres.
         options: None: defaults.
         images: folder of the images: only these are used; None: all of the model.
+        holdout: new images of the scene and their robot poses, which have no part in the calibration, as for
+            ``calibrate``; needs the folder of a COLMAP model with its database (SIFT features).
         progress: told of every stage.
 
     Raises:
@@ -72,11 +79,36 @@ def refine(
     names = None if images is None else list_cameras(Path(images))
     found = _found(model)
     if not isinstance(found, SfmModel):
+        if holdout is not None:
+            raise InputDataError(
+                "new images cannot be held against a model that has camera poses without points; give a COLMAP model "
+                "with its points and its database, or use --holdout"
+            )
         return _from_poses(found, poses, options, names)
     inputs, paired = read_model_inputs(found, poses, options, names)
     inputs = agreed(paired, inputs, options)
-    clock.lap("input")
-    return solve_scene(Scene(model=paired), inputs, options, clock, progress)
+    with ExitStack() as files:
+        prove = None
+        if holdout is not None:
+            folder = files.enter_context(as_folder(holdout[0]))
+            new = read_new(folder, holdout[1], inputs, options, progress)
+            prove = partial(of_new_images, new, _folder(model))
+        clock.lap("input")
+        return solve_scene(Scene(model=paired), inputs, options, clock, progress, prove)
+
+
+def _folder(model: Model) -> Path:
+    """The folder of a model.
+
+    Raises:
+        InputDataError: it was given as a value.
+    """
+    if not isinstance(model, str | os.PathLike):
+        raise InputDataError(
+            "new images cannot be held against a model that was given as a value, which has no features; give the "
+            "folder of the model, with its database"
+        )
+    return Path(model)
 
 
 def _found(model: Model) -> SfmModel | Mapping[str, Array] | Path:

@@ -1,6 +1,6 @@
 """How X predicts what it has not seen: robot poses that were kept out of it, and new images."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,28 +13,32 @@ from handeye_fg.errors import InputDataError, ReconstructionError
 from handeye_fg.frames import Array
 from handeye_fg.graph import HeldOut, NewImages, View, of_model, predicted
 from handeye_fg.inputs import Inputs, PosesSource, in_equations, read_robot_poses
+from handeye_fg.io.fields import shown
 from handeye_fg.io.holdout import HeldOutImage, HoldoutReport
-from handeye_fg.io.images import list_images, pair_names, read_image_set
+from handeye_fg.io.images import list_cameras, pair_names, pose_name, read_image_set
 from handeye_fg.options import Options
 from handeye_fg.progress import Progress
 from handeye_fg.scene import Scene
+from handeye_fg.types import Indices, Rig, folder_of, folders_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NewSet:
     """Images and robot poses that have no part in the calibration.
 
     Attributes:
         images: folder of the images.
-        names: those that have a pose.
-        size: of the images, pixels.
-        base_T_gripper: their robot poses (n, 4, 4), metres, in the form of the equations.
+        names: those that have a pose; of several cameras with their folders.
+        sizes: of the images in each folder, pixels.
+        base_T_gripper: robot poses (r, 4, 4), metres, in the form of the equations.
+        pose: which of them an image was taken at (n,).
     """
 
     images: Path
     names: tuple[str, ...]
-    size: tuple[int, int]
+    sizes: Mapping[str, tuple[int, int]]
     base_T_gripper: Array
+    pose: Indices
 
 
 def read_new(
@@ -43,7 +47,7 @@ def read_new(
     """Read new images and their robot poses, as those of the calibration are read.
 
     Args:
-        images: folder of the new images.
+        images: folder of the new images; of several cameras with a sub-folder for each.
         poses: of the robot.
         inputs: of the calibration.
         options: of the calibration.
@@ -52,28 +56,61 @@ def read_new(
     Raises:
         InputDataError: something is missing, damaged or does not fit together.
     """
-    if inputs.cameras is not None and len(inputs.cameras) > 1:
-        raise InputDataError(
-            f"new images {images}: can be held against one camera only, but the calibration has "
-            f"{len(inputs.cameras)}; calibrate one folder of images, or use --holdout"
-        )
-    listed = list_images(images)
+    listed = list_cameras(images)
     robot = read_robot_poses(poses, options, listed).poses
     if inputs.convention:
         robot = converted(robot, inputs.convention)
     names = pair_names(listed, robot.names).paired
-    found = read_image_set(images, names, progress)
-    usable = tuple(name for name in names if name in found.looks)
+    _numbers(images, names, {folder: k for k, folder in enumerate(folders_of(inputs.names))})
+    sizes: dict[str, tuple[int, int]] = {}
+    usable: list[str] = []
+    unusable: list[tuple[str, str]] = []
+    for folder in folders_of(names):
+        found = read_image_set(images, [n for n in names if folder_of(n) == folder], progress)
+        sizes[folder] = found.size
+        usable += found.looks
+        unusable += found.unusable
     if not usable:
-        name, reason = found.unusable[0]
+        name, reason = unusable[0]
         raise InputDataError(
             f"new images {images}: none can be used, {name}: {reason}; give others"
         )
     robot = in_equations(robot, options.setup)
-    rows = [robot.names.index(name) for name in usable]
+    index = {name: i for i, name in enumerate(robot.names)}
+    rows = [index[pose_name(name, index) or name] for name in usable]
     return NewSet(
-        images=images, names=usable, size=found.size, base_T_gripper=robot.base_T_gripper[rows]
+        images=images,
+        names=tuple(usable),
+        sizes=sizes,
+        base_T_gripper=robot.base_T_gripper,
+        pose=np.array(rows),
     )
+
+
+def _numbers(images: Path, names: Sequence[str], cameras: Mapping[str, int]) -> list[int]:
+    """Which camera took each of some new images: the one with the name of its folder, or the only one.
+
+    Args:
+        images: folder of the new images.
+        names: of these.
+        cameras: number of the camera for each folder of the calibration's images.
+
+    Raises:
+        InputDataError: a folder has the name of no camera.
+    """
+    if len(set(cameras.values())) == 1:
+        return [next(iter(cameras.values()))] * len(names)
+    if strange := [folder for folder in folders_of(names) if folder not in cameras]:
+        where = (
+            "some lie in no sub-folder"
+            if strange[0] == "."
+            else f"sub-folder {shown(strange[0])} is no camera's"
+        )
+        raise InputDataError(
+            f"new images {images}: {where}, but the calibration has the cameras {', '.join(cameras)}; give each of "
+            "these a sub-folder of its name"
+        )
+    return [cameras[folder_of(name)] for name in names]
 
 
 def of_new_images(
@@ -89,7 +126,7 @@ def of_new_images(
 
     Args:
         new: the images.
-        folder: of the reconstruction.
+        folder: of the reconstruction, with its database or beside it.
         scene: camera poses and points, before the refinement.
         view: the refinement.
         reported: robot poses (r, 4, 4) of the calibration.
@@ -97,21 +134,28 @@ def of_new_images(
         progress: told of the stages.
 
     Raises:
-        InputDataError: the calibration is of several cameras.
+        InputDataError: the images are not of the cameras of the calibration, or the database not of its scene.
         ReconstructionError: no new image shows enough of the scene.
     """
-    final = view.refinement
-    if len(final.state.cameras) > 1:
+    database = sfm.model_database(folder)
+    if database is None:
         raise InputDataError(
-            f"new images {new.images}: can be held against one camera only, but the calibration has "
-            f"{len(final.state.cameras)}; calibrate one folder of images, or use --holdout"
+            f"model {folder}: there is no database.db in or above its folder, but the features of its images are "
+            "needed to find its points in new images; keep COLMAP's database with the model, or calibrate from the "
+            "images"
         )
-    camera = final.state.cameras[0]
-    if new.size != (camera.width, camera.height):
-        raise InputDataError(
-            f"new images {new.images}: have {new.size[0]}x{new.size[1]} pixels, but those of the calibration have "
-            f"{camera.width}x{camera.height}; take them with the same camera and settings"
-        )
+    final, model = view.refinement, scene.model
+    of_folder = {
+        folder_of(name): k for name, k in zip(model.names, model.image_camera.tolist(), strict=True)
+    }
+    numbers = _numbers(new.images, new.names, of_folder)
+    for name, k in zip(new.names, numbers, strict=True):
+        camera, size = final.state.cameras[k], new.sizes[folder_of(name)]
+        if size != (camera.width, camera.height):
+            raise InputDataError(
+                f"new images {new.images / folder_of(name)}: have {size[0]}x{size[1]} pixels, but those of the "
+                f"calibration have {camera.width}x{camera.height}; take them with the same camera and settings"
+            )
     n_known = 0 if scene.known is None else len(scene.known.points_world)
     unknown = final.tracks.point_index >= n_known
     tracks = replace(
@@ -122,37 +166,45 @@ def of_new_images(
         pixels=final.tracks.pixels[unknown],
     )
     found = sfm.find_in_scene(
-        folder,
+        database,
         new.images,
         new.names,
-        replace(scene.model, tracks=tracks, cameras=final.state.cameras),
+        numbers,
+        replace(model, tracks=tracks, cameras=final.state.cameras),
         final.noise.pixel,
         options=options.sfm,
         seed=options.seed,
         progress=progress,
     )
-    placed = [name for name in new.names if name in found]
+    placed = [i for i, name in enumerate(new.names) if name in found]
     if not placed:
         raise ReconstructionError(
             f"none of the {len(new.names)} new images in {new.images} shows enough of the scene of the "
             "calibration; take them of the same scene, from where its images were taken"
         )
-    counts = [len(found[name].pixels) for name in placed]
+    views = [found[new.names[i]] for i in placed]
+    poses, pose = np.unique(new.pose[placed], return_inverse=True)
     held = predicted(
         NewImages(
-            base_T_gripper=new.base_T_gripper[[new.names.index(name) for name in placed]],
-            image_index=np.repeat(np.arange(len(placed)), counts),
-            point_index=np.concatenate([found[name].point_index for name in placed]),
-            pixels=np.concatenate([found[name].pixels for name in placed]),
+            base_T_gripper=new.base_T_gripper[poses],
+            rig=Rig(
+                n_cameras=len(final.state.cameras),
+                camera=np.array(numbers)[placed],
+                pose=pose,
+            ),
+            image_index=np.repeat(np.arange(len(placed)), [len(one.pixels) for one in views]),
+            point_index=np.concatenate([one.point_index for one in views]),
+            pixels=np.concatenate([one.pixels for one in views]),
         ),
         reported,
         final,
         view.beliefs,
         scene.known,
-        of_model(options.priors, scene.model, final.state.rig),
+        of_model(options.priors, model, final.state.rig),
         inverted=options.setup == "eye-to-hand",
     )
-    return replace(report_of(held, enumerate(placed)), new_images=True)
+    names = [new.names[i] for i in placed]
+    return replace(report_of(held, zip(pose.tolist(), names, strict=True)), new_images=True)
 
 
 def report_of(found: HeldOut, images: Iterable[tuple[int, str]]) -> HoldoutReport:

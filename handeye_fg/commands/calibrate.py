@@ -53,7 +53,8 @@ class Calibrate:
     as well. Where it has no points, X comes from its camera poses alone."""
     holdout_images: Path | None = None
     """Folder of new images of the scene that have no part in the calibration, to be predicted by robot and X:
-    a proof of X. Needs --holdout-poses."""
+    a proof of X; of several cameras with a sub-folder for each. Needs --holdout-poses; with --model the model's
+    database.db as well."""
     holdout_poses: Path | None = None
     """Robot poses of these, in the format of POSES."""
     config: Path | None = None
@@ -126,8 +127,6 @@ class Calibrate:
             "--camera": self.camera,
             "--masks": self.masks,
             "--target": self.target,
-            "--holdout-images": self.holdout_images,
-            "--holdout-poses": self.holdout_poses,
         }
         if unused := [flag for flag, value in given.items() if value is not None]:
             raise InputDataError(
@@ -135,7 +134,14 @@ class Calibrate:
                 "is not made again; leave it out"
             )
         images = None if str(self.images) == "-" else self.images
-        return refine(model, self.poses, self.options, images=images, progress=progress)
+        return refine(
+            model,
+            self.poses,
+            self.options,
+            images=images,
+            holdout=self._holdout(),
+            progress=progress,
+        )
 
     def _log_level(self) -> int:
         if self.quiet:

@@ -17,7 +17,7 @@ from handeye_fg.sfm.metric import write_metric
 from handeye_fg.sfm.model import FEWEST_IMAGES, ModelSource, read_model, read_model_poses
 from handeye_fg.sfm.model_files import model_folder
 from handeye_fg.sfm.native import set_verbosity
-from handeye_fg.sfm.new_images import Seen, find_in_scene
+from handeye_fg.sfm.new_images import Seen, find_in_scene, model_database
 from handeye_fg.sfm.pairs import RobotGuide
 from handeye_fg.sfm.reconstruct import reconstruct
 from handeye_fg.sfm.tracks import from_tracks
@@ -31,6 +31,7 @@ __all__ = [
     "complete",
     "find_in_scene",
     "from_tracks",
+    "model_database",
     "model_folder",
     "read_model",
     "read_model_poses",

@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 from scipy.spatial import KDTree
 
+from handeye_fg.errors import InputDataError
 from handeye_fg.frames import Array
 from handeye_fg.options import SfmOptions
 from handeye_fg.progress import Progress
@@ -18,6 +19,7 @@ from handeye_fg.sfm.cache import file_digests
 from handeye_fg.sfm.database import matching_options, verification_options
 from handeye_fg.sfm.eight_bit import readable
 from handeye_fg.sfm.features import STRICT, find_features
+from handeye_fg.sfm.model_files import model_folder
 from handeye_fg.sfm.native import native_camera, native_threads, run_cancellable
 from handeye_fg.sfm.stages import DATABASE, prepare
 from handeye_fg.types import Indices, SfmModel
@@ -45,9 +47,10 @@ class Seen:
 
 
 def find_in_scene(
-    folder: Path,
+    database: Path,
     images: Path,
     names: Sequence[str],
+    image_camera: Sequence[int],
     model: SfmModel,
     sigma: float,
     *,
@@ -58,10 +61,11 @@ def find_in_scene(
     """Find the points of a scene in new images.
 
     Args:
-        folder: of the reconstruction, with its database.
+        database: of the reconstruction; it is not written to.
         images: folder of the new images.
         names: of these.
-        model: the scene as it is now: names, intrinsics of the one camera, points, and where images show them.
+        image_camera: which of the model's cameras took each.
+        model: the scene as it is now: names, intrinsics of the cameras, points, and where images show them.
         sigma: standard deviation of a feature's place, pixels.
         options: how features were searched for.
         seed: of the random samples.
@@ -71,7 +75,7 @@ def find_in_scene(
         By name what agrees with one pose of the camera; images that show too little of the scene are missing.
 
     Raises:
-        InputDataError: an image cannot be read.
+        InputDataError: an image cannot be read, or the database is not that of the model.
         ReconstructionError: COLMAP failed.
     """
     with TemporaryDirectory() as scratch:
@@ -87,28 +91,87 @@ def find_in_scene(
             options=options,
             progress=progress,
         )
-        database = work / DATABASE
-        shutil.copyfile(folder / DATABASE, database)
-        old, numbers = _added(database, features.database, work, model, options, seed)
-        with pycolmap.Database.open(database) as db:
+        copy = work / DATABASE
+        shutil.copyfile(database, copy)
+        cameras = dict(zip(names, image_camera, strict=True))
+        _require_features(copy, model, database)
+        old, numbers = _added(copy, features.database, work, model, cameras, options, seed)
+        with pycolmap.Database.open(copy) as db:
             votes = _votes(db, old, numbers, model)
             return {
                 name: seen
                 for name, number in numbers.items()
-                if (seen := _agreeing(db, number, votes[name], model, sigma, seed)) is not None
+                if (seen := _agreeing(db, number, votes[name], model, cameras[name], sigma, seed))
+                is not None
             }
 
 
+def model_database(model: Path) -> Path | None:
+    """The database beside a COLMAP model: in its folder, or in the one that has it in ``sparse/0``; None: none."""
+    folder = model_folder(model) or model
+    places = (folder, folder.parent, folder.parent.parent)
+    return next((place / DATABASE for place in places if (place / DATABASE).is_file()), None)
+
+
+def _require_features(copy: Path, model: SfmModel, database: Path) -> None:
+    """Refuse a database without the features by which the model's images show its points.
+
+    Raises:
+        InputDataError: it is of another model, has other features, or is no database.
+    """
+    try:
+        with pycolmap.Database.open(copy) as db:
+            problem = _lacking(db, model)
+    except (RuntimeError, ValueError) as error:
+        problem = f"cannot be read ({error})"
+    if problem:
+        raise InputDataError(
+            f"database {database}: {problem}; give a model that lies beside the database it was made from, with "
+            "SIFT features"
+        )
+
+
+def _lacking(db: pycolmap.Database, model: SfmModel) -> str:
+    """What a database lacks of a model's features; "" for nothing."""
+    numbers = {image.name: image.image_id for image in db.read_all_images()}
+    for i, name in enumerate(model.names):
+        own = model.tracks.image_index == i
+        if name not in numbers:
+            return f"has no image {name} of the model"
+        if not own.any():
+            continue
+        descriptors = db.read_descriptors(numbers[name])
+        if descriptors.type != pycolmap.FeatureExtractorType.SIFT or len(descriptors.data) == 0:
+            return f"has no SIFT features of {name}"
+        places = np.asarray(db.read_keypoints(numbers[name])[:, :2], dtype=np.float64)
+        if np.median(KDTree(places).query(model.tracks.pixels[own])[0]) > _SAME:
+            return f"has other features of {name} than the model"
+    return ""
+
+
 def _added(
-    database: Path, features: Path, work: Path, model: SfmModel, options: SfmOptions, seed: int
+    database: Path,
+    features: Path,
+    work: Path,
+    model: SfmModel,
+    image_camera: Mapping[str, int],
+    options: SfmOptions,
+    seed: int,
 ) -> tuple[dict[str, int], dict[str, int]]:
     """Add images with their features to a database, and match them with those of the model; the numbers of both."""
     with pycolmap.Database.open(database) as db, pycolmap.Database.open(features) as source:
         images = db.read_all_images()
         old = {image.name: image.image_id for image in images}
-        native = native_camera(model.camera, images[0].camera_id)
-        native.has_prior_focal_length = True
-        db.update_camera(native)
+        # COLMAP's number of each camera: that of its first image.
+        numbers = {image.name: image.camera_id for image in images}
+        _, first = np.unique(model.image_camera, return_index=True)
+        natives = [
+            native_camera(camera, numbers[model.names[i]])
+            for camera, i in zip(model.cameras, first.tolist(), strict=True)
+        ]
+        for native in natives:
+            native.has_prior_focal_length = True
+            db.update_camera(native)
         for image in (
             images
         ):  # a blank would end a name in a list of pairs, and new images may have the same
@@ -116,7 +179,8 @@ def _added(
             db.update_image(image)
         new, pairs = {}, []
         for image in source.read_all_images():
-            added = pycolmap.Image(name=f"new/{image.image_id}", camera_id=native.camera_id)
+            camera_id = natives[image_camera[image.name]].camera_id
+            added = pycolmap.Image(name=f"new/{image.image_id}", camera_id=camera_id)
             number = db.write_image(added)
             db.write_keypoints(number, source.read_keypoints(image.image_id))
             db.write_descriptors(number, source.read_descriptors(image.image_id))
@@ -171,6 +235,7 @@ def _agreeing(
     number: int,
     votes: Mapping[int, Counter[int]],
     model: SfmModel,
+    camera: int,
     sigma: float,
     seed: int,
 ) -> Seen | None:
@@ -190,7 +255,10 @@ def _agreeing(
     estimation.ransac.max_error = max(_REJECTION_SIGMAS * sigma, _LEAST_ERROR_PX)
     estimation.ransac.random_seed = seed
     found = pycolmap.estimate_and_refine_absolute_pose(
-        pixels, model.tracks.points_world[point_index], native_camera(model.camera, 1), estimation
+        pixels,
+        model.tracks.points_world[point_index],
+        native_camera(model.cameras[camera], 1),
+        estimation,
     )
     if found is None or found["num_inliers"] < _FEWEST_POINTS:
         return None
