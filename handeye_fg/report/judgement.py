@@ -4,18 +4,11 @@ import math
 
 import numpy as np
 
-from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
+from handeye_fg.io.camera_results import std_translation_mm
 from handeye_fg.io.results import Result, parent_frame
-from handeye_fg.report.wording import number, parameter_names, significant
+from handeye_fg.report.wording import significant
 
 _USUAL_TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-_HIGH = 0.8  # a correlation above which a person should know
-_COMPONENTS = tuple(
-    f"{kind} {axis}" for kind in ("the rotation about", "the position along") for axis in "xyz"
-)
-# By ISO 9283 the repeatability is the mean distance plus three of its standard deviations; of normal errors
-# of one size on all axes that is so many times the standard deviation of an axis.
-_REPEATABILITY = 3.62
 # One pose that moves X by so many times what the median pose does carries it.
 _CARRIES = 4.0
 
@@ -126,54 +119,3 @@ def next_steps(result: Result) -> tuple[str, ...]:
     if result.sfm is not None and result.holdout is None:
         steps.append("Calibrate with --holdout 0.2 for a proof on robot poses that X has not seen.")
     return tuple(steps)
-
-
-def ties(result: Result) -> tuple[str, ...]:
-    """What the data can hardly tell apart: high correlations, each in a sentence."""
-    said = [*_ties_within(result), *_ties_of_intrinsics(result)]
-    offset = result.focal_offset
-    if offset is not None and abs(offset.correlation) >= _HIGH:
-        said.append(
-            f"Focal length and the position along the optical axis (correlation {number(offset.correlation, 2)}): "
-            "an error of one is an error of the other; more tilt of the camera tells them apart."
-        )
-    return tuple(said)
-
-
-def _ties_of_intrinsics(result: Result) -> list[str]:
-    if result.camera is None or result.intrinsics_correlation is None:
-        return []
-    names = parameter_names(result.camera.model, len(result.camera.params))
-    return [
-        f"The camera's {name} and {_COMPONENTS[j]} (correlation {number(value, 2)})."
-        for name, row in zip(names, result.intrinsics_correlation.tolist(), strict=True)
-        for j, value in enumerate(row)
-        if abs(value) >= _HIGH
-    ]
-
-
-def data_sheet(result: Result) -> str:
-    """The noise of the reported positions against the arm's data sheet; "" where nobody stated that."""
-    if result.repeatability is None or result.noise is None:
-        return ""
-    stated = 1e3 * result.repeatability
-    times = 1e3 * result.noise.robot_translation / (stated / _REPEATABILITY)
-    return (
-        f"The data sheet states a repeatability of {significant(stated)} mm, which is {significant(stated / _REPEATABILITY, 2)} mm "
-        f"per axis. The reported positions are off by {significant(times, 2)} times as much: to return to a place is easier "
-        "than to know where it is, so several times are usual, and dozens mean a wrong tool, time or calibration of the arm."
-    )
-
-
-def _ties_within(result: Result) -> list[str]:
-    if result.covariance is None:
-        return []
-    stds = (*std_rotation_deg(result), *std_translation_mm(result))
-    known = [k for k, std in enumerate(stds) if std]
-    sigmas = np.sqrt(np.diag(result.covariance))
-    return [
-        f"{_COMPONENTS[i].capitalize()} and {_COMPONENTS[j]} (correlation {number(value, 2)})."
-        for i in known
-        for j in known
-        if i < j and abs(value := float(result.covariance[i, j] / (sigmas[i] * sigmas[j]))) >= _HIGH
-    ]

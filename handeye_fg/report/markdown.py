@@ -4,16 +4,25 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from handeye_fg.frames import quaternion_xyzw
-from handeye_fg.io.camera_results import std_rotation_deg, std_translation_mm
+from handeye_fg.frames import Array, quaternion_xyzw
+from handeye_fg.io.camera_results import (
+    CameraReport,
+    Stds,
+    relative_std_rotation_deg,
+    relative_std_translation_mm,
+    std_rotation_deg,
+    std_translation_mm,
+)
 from handeye_fg.io.results import Result
-from handeye_fg.report import judgement, wording
+from handeye_fg.report import judgement, tables, wording
+from handeye_fg.report.noise import levels, remarks
+from handeye_fg.report.ties import none_tied, ties
 
 _SPECIAL = str.maketrans({char: f"\\{char}" for char in "\\`*_{}[]<>#|&!"})
 
 
 def markdown_text(result: Result) -> str:
-    r"""The result as Markdown: verdict, transform, uncertainty, what was bad.
+    r"""The result as Markdown: verdict, transform, uncertainty, what limits it, what was bad.
 
     Args:
         result: what to report.
@@ -26,27 +35,79 @@ def markdown_text(result: Result) -> str:
         >>> print(hf.markdown_text(hf.solve(robot, camera)).splitlines()[0])
         # Hand-eye calibration: gripper\_T\_camera
     """
-    matrix = result.matrix
+    name, first = wording.transform_name(result), result.cameras[:1]
     blocks = [
-        f"# Hand-eye calibration: {_plain(wording.transform_name(result))}",
+        f"# Hand-eye calibration: {_plain(name)}",
         " ".join(filter(None, (judgement.verdict(result), judgement.advice(result)))),
         _plain(result.message),
         _plain(wording.direction(result)),
+        *_pose(result.matrix, std_rotation_deg(result), std_translation_mm(result)),
+        "" if result.covariance is None else _plain(wording.covered(result)),
+        _list(item.description for item in result.free_directions),
+        _errors(result),
+        *_proof(result),
+        *_section(
+            "What limits it, and what to do next",
+            _plain(" ".join(judgement.limits(result))),
+            _list(judgement.next_steps(result)),
+            _noise(result),
+            _plain(" ".join(remarks(result))),
+            *_tied(result),
+            _plain(f"{result.intrinsics_note} {wording.other_intrinsics_text(result)}"),
+        ),
+        *_section(
+            "Which data were bad",
+            _plain(f"{wording.extent(result)}, {wording.rejected(result)}."),
+            _bad(result),
+        ),
+        *(
+            block
+            for camera in result.cameras[1:]
+            for block in _other_camera(camera, name, first[0].name)
+        ),
+    ]
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def _section(title: str, *blocks: str) -> tuple[str, ...]:
+    """What stands under a heading; without anything there is none."""
+    return (f"## {title}", *blocks) if any(blocks) else ()
+
+
+def _pose(matrix: Array, std_rotation: Stds, std_translation: Stds) -> tuple[str, ...]:
+    """A pose with its standard deviations."""
+    return (
         "\n".join(["```text", *(" ".join(f"{v: .9f}" for v in row) for row in matrix), "```"]),
         _table(
             ("along the camera's", "x", "y", "z"),
             (
                 ("position, m", *wording.numbers(matrix[:3, 3], 6)),
-                ("rotation, std, deg", *wording.numbers(std_rotation_deg(result), 4)),
-                ("translation, std, mm", *wording.numbers(std_translation_mm(result), 3)),
+                ("rotation, std, deg", *wording.numbers(std_rotation, 4)),
+                ("translation, std, mm", *wording.numbers(std_translation, 3)),
             ),
         ),
         f"Quaternion x, y, z, w: {', '.join(wording.numbers(quaternion_xyzw(matrix[:3, :3]), 7))}",
-        _errors(result),
-        "\n".join(f"- {_plain(item.description)}" for item in result.free_directions),
-        _bad(result),
-    ]
-    return "\n\n".join(block for block in blocks if block) + "\n"
+    )
+
+
+def _other_camera(camera: CameraReport, name: str, first: str) -> tuple[str, ...]:
+    """X of a further camera, and its pose in the first."""
+    return (
+        *_section(
+            f"{_plain(camera.name)}: {_plain(name)}",
+            *_pose(camera.matrix, std_rotation_deg(camera), std_translation_mm(camera)),
+            _list(item.description for item in camera.free_directions),
+            _plain(f"{camera.intrinsics_note} {wording.other_intrinsics_text(camera)}"),
+        ),
+        *_section(
+            f"{_plain(camera.name)} in {_plain(first)}",
+            *_pose(
+                camera.first_T_camera,
+                relative_std_rotation_deg(camera),
+                relative_std_translation_mm(camera),
+            ),
+        ),
+    )
 
 
 def _errors(result: Result) -> str:
@@ -64,18 +125,48 @@ def _errors(result: Result) -> str:
     return _table(("distance, mm", "std x, mm", "std y, mm", "std z, mm", "95 % within, mm"), rows)
 
 
+def _proof(result: Result) -> tuple[str, ...]:
+    """How X predicts what it has not seen."""
+    found = result.holdout
+    if found is None:
+        return ()
+    head = ("held-out poses", "error", "expected")
+    return _plain(wording.holdout_text(found)), _table(head, tables.holdout_rows(found))
+
+
+def _noise(result: Result) -> str:
+    """The noise against what was said of it."""
+    rows = [
+        (level.what, f"{level.value} {level.unit}", level.interval, level.basis)
+        for level in levels(result)
+    ]
+    return _table(("noise, std per axis", "value", "95 % interval", "from"), rows) if rows else ""
+
+
+def _tied(result: Result) -> tuple[str, ...]:
+    """What the data hardly tell apart."""
+    if result.covariance is None:
+        return ()
+    return "What the data hardly tell apart:", _list(ties(result) or (none_tied(result),))
+
+
 def _bad(result: Result) -> str:
-    """Images that were not used, or whose robot pose was rejected."""
+    """Images that were not used, or whose robot pose was rejected or kept out."""
+    held = wording.kept_out(result)
     rows = [
         (
             _plain(image.name),
-            "robot pose rejected" if image.outlier else "not used",
+            wording.became(image, held_out=image.name in held),
             _plain(image.reason),
         )
         for image in result.images
         if image.reason
     ]
     return _table(("image", "", "reason"), rows) if rows else ""
+
+
+def _list(sentences: Iterable[str]) -> str:
+    return "\n".join(f"- {_plain(sentence)}" for sentence in sentences)
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -13,6 +13,8 @@ from handeye_fg.io.results import Result
 from handeye_fg.report import judgement, tables, wording
 from handeye_fg.report.figures import drawings
 from handeye_fg.report.filling import asset, fill
+from handeye_fg.report.noise import levels, remarks
+from handeye_fg.report.ties import none_tied, ties
 from handeye_fg.report.view import view
 
 REPORT_NAME = "report.html"
@@ -85,7 +87,8 @@ def _content(result: Result) -> dict[str, object]:
         "verdict": judgement.verdict(result),
         "advice": judgement.advice(result),
         "limits": judgement.limits(result),
-        "ties": judgement.ties(result),
+        "ties": ties(result),
+        "none_tied": none_tied(result),
         "steps": judgement.next_steps(result),
         "name": wording.transform_name(result),
         "setup": result.setup,
@@ -110,8 +113,9 @@ def _content(result: Result) -> dict[str, object]:
         "at_work": tables.at_work(result),
         "accuracy": tables.accuracy(result),
         "holdout": tables.holdout(result),
-        "data_sheet": judgement.data_sheet(result),
-        "noise": tables.noise(result),
+        "noise": levels(result),
+        "noise_remarks": remarks(result),
+        "noise_estimated": result.noise is not None and result.noise.estimated,
         "intrinsics": tables.intrinsics(result),
         "cameras": [tables.camera(camera) for camera in result.cameras],
         "start": tables.start(result),
@@ -123,6 +127,7 @@ def _content(result: Result) -> dict[str, object]:
         "rejected": wording.rejected(result),
         "read_as": [(whose, str(one)) for whose, one in result.poses_read_as.items()],
         "images": tables.images(result),
+        "kept_out": len(wording.kept_out(result)),
         "figures": {drawing.name: drawing for drawing in drawings(result)},
         "view": shown,
         "scripts": _scripts(shown),

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from handeye_fg import frames
-from handeye_fg.findings import LevelCertainty
 from handeye_fg.frames import Array, quaternion_xyzw
 from handeye_fg.io.camera_results import (
     CameraReport,
@@ -16,6 +15,7 @@ from handeye_fg.io.camera_results import (
     std_rotation_deg,
     std_translation_mm,
 )
+from handeye_fg.io.holdout import HoldoutReport
 from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result, parent_frame
 from handeye_fg.report import wording
@@ -38,8 +38,7 @@ def uncertainty(result: Result) -> Table:
         ],
         "rotation": _largest(std_rotation, half_rotation, 4, "deg"),
         "translation": _largest(std_translation, half_translation, 3, "mm"),
-        "intervals": wording.intervals_text(result.certainty),
-        "robot_errors": None if result.certainty is None else result.certainty.robot.reason,
+        "covered": wording.covered(result),
         "covariance": rows(result.covariance, ".3e"),
     }
 
@@ -116,23 +115,7 @@ def holdout(result: Result) -> Table | None:
     if found is None:
         return None
     return {
-        "rows": [
-            (
-                "orientation (deg)",
-                wording.significant(math.degrees(found.rotation), 2),
-                wording.significant(math.degrees(found.expected_rotation), 2),
-            ),
-            (
-                "position (mm)",
-                wording.significant(1e3 * found.translation, 2),
-                wording.significant(1e3 * found.expected_translation, 2),
-            ),
-            (
-                "points in the image (px)",
-                wording.significant(found.reprojection_rms, 2),
-                wording.significant(found.expected_reprojection, 2),
-            ),
-        ],
+        "rows": holdout_rows(found),
         "images": [
             (
                 one.name,
@@ -145,60 +128,23 @@ def holdout(result: Result) -> Table | None:
             )
             for one in found.images
         ],
-        "normalised": wording.significant(found.normalised, 2),
-        "probability": wording.significant(found.probability, 2),
-        "within": None if found.within is None else wording.number(100.0 * found.within, 0),
+        "sentence": wording.holdout_text(found),
         "translation": f"{wording.significant(1e3 * found.translation, 2)} mm",
         "expected": f"{wording.significant(1e3 * found.expected_translation, 2)} mm expected",
     }
 
 
-def noise(result: Result) -> Table | None:
-    """Noise levels, and what each rests on."""
-    found = result.noise
-    if found is None:
-        return None
-    levels = {} if result.certainty is None else result.certainty.levels
-    kinds = [
-        ("image observation", "pixel", 1.0, "px"),
-        ("corner of the target", "corner", 1.0, "px"),
-        ("reported robot orientation", "robot_rotation", math.degrees(1.0), "deg"),
-        ("reported robot position", "robot_translation", 1000.0, "mm"),
-    ]
-    return {
-        "estimated": found.estimated,
-        "inflation": wording.significant(found.image_inflation),
-        "alike": found.image_inflation > 1.0,
-        "rows": [
-            (what, wording.significant(unit * sigma), name, *_level(levels.get(key), unit * sigma))
-            for what, key, unit, name in kinds
-            if (sigma := getattr(found, key)) is not None and math.isfinite(sigma)
-        ],
-    }
-
-
-def _level(level: LevelCertainty | None, sigma: float) -> tuple[str, str]:
-    """The 95 % interval of a noise level, and what it rests on."""
-    if level is None:
-        return "", ""
-    if level.source == "user":
-        return "", f"given{_held_against(level, sigma)}"
-    ends = f"{wording.significant(level.low * sigma)} to {wording.significant(level.high * sigma)}"
-    if level.source == "prior":
-        return ends, "the data say next to nothing: a prior for usual arms decided"
-    return ends, f"{level.degrees_of_freedom:.0f} degrees of freedom"
-
-
-def _held_against(level: LevelCertainty, sigma: float) -> str:
-    """What the residuals say of a given level."""
-    if level.found is None:
-        return ""
-    value, low, high = (wording.significant(part * sigma, 2) for part in level.found)
-    agrees = level.found[1] <= 1.0 <= level.found[2]
-    judged = (
-        "which agrees" if agrees else "which is less" if level.found[2] < 1.0 else "which is more"
+def holdout_rows(found: HoldoutReport) -> list[tuple[str, str, str]]:
+    """Errors of all held-out poses together, beside those that are to be expected."""
+    kinds = (
+        ("orientation (deg)", math.degrees(found.rotation), math.degrees(found.expected_rotation)),
+        ("position (mm)", 1e3 * found.translation, 1e3 * found.expected_translation),
+        ("points in the image (px)", found.reprojection_rms, found.expected_reprojection),
     )
-    return f"; the residuals say {value} ({low} to {high}), {judged}"
+    return [
+        (what, wording.significant(error, 2), wording.significant(expected, 2))
+        for what, error, expected in kinds
+    ]
 
 
 def intrinsics(result: Result) -> Table | None:
@@ -273,7 +219,7 @@ def camera(report: CameraReport) -> Table:
             relative_std_translation_mm(report),
         ),
         "intrinsics": f"image observations ± {wording.significant(report.pixel)} px per axis; "
-        f"{report.camera.model} {numbers}. {report.intrinsics_note}",
+        f"{report.camera.model} {numbers}. {report.intrinsics_note} {wording.other_intrinsics_text(report)}",
     }
 
 
@@ -289,16 +235,15 @@ def _pose_row(name: str, matrix: Array, rotation: Stds, translation: Stds) -> di
 
 def images(result: Result) -> list[Table]:
     """All images, in the order of the input."""
-    held = () if result.holdout is None else {one.name for one in result.holdout.images}
+    held = wording.kept_out(result)
     return [_image_row(image, held_out=image.name in held) for image in result.images]
 
 
 def _image_row(image: ImageReport, *, held_out: bool) -> Table:
     """One image, with a word on what became of it."""
-    verdict = "used" if image.registered else "not used"
     return {
         "name": image.name,
-        "verdict": "rejected" if image.outlier else "kept out" if held_out else verdict,
+        "verdict": wording.became(image, held_out=held_out),
         "bad": image.outlier or not image.registered,
         "rotation": _in_degrees(image.residual_rotation, 3),
         "translation": _in_millimetres(image.residual_translation),

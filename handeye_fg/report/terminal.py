@@ -1,6 +1,8 @@
 """The summary that a person reads in the terminal after a calibration."""
 
 import math
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 from handeye_fg.frames import Array, quaternion_xyzw
@@ -13,6 +15,10 @@ from handeye_fg.io.camera_results import (
 )
 from handeye_fg.io.results import Result
 from handeye_fg.report import judgement, wording
+from handeye_fg.report.noise import doubtful, remarks
+from handeye_fg.report.ties import none_tied, ties
+
+_LONGEST = 100  # letters of a line of sentences, beside its label
 
 
 def summary_text(result: Result, report: str | Path | None = None) -> str:
@@ -61,8 +67,10 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
         lines.append(_row("noise estimated" if noise.estimated else "noise given", levels))
     else:
         lines.append(_row("residual", f"{wording.residual_text(result)} rms over motion pairs"))
+    lines += _sentences("", (*doubtful(result), *remarks(result)))
     if result.camera is not None:
-        lines.append(_row("intrinsics", wording.printable(result.intrinsics_note)))
+        note = (result.intrinsics_note, wording.other_intrinsics_text(result))
+        lines += _sentences("intrinsics", note)
     if result.target is not None:
         lines.append(_row("target", wording.printable(wording.target_text(result.target))))
     lines += [
@@ -71,16 +79,21 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
     ]
     counts = f"{wording.extent(result)}, {wording.rejected(result)}"
     lines.append(_row("images" if result.sfm is not None else "rows", counts))
+    kept_out = wording.kept_out(result)
     lines += [
         f"  {wording.printable(image.name)}: {wording.printable(image.reason)}"
         for image in result.images
-        if image.reason
+        if image.reason and image.name not in kept_out
     ]
     if result.free_directions:
         lines.append(_row("undetermined", ""))
         lines += [f"  {wording.printable(item.description)}" for item in result.free_directions]
     else:
         lines.append(_row("undetermined", "nothing"))
+    if result.covariance is not None:
+        lines += _sentences("tied together", ties(result) or (none_tied(result),))
+    lines += _sentences("limits", judgement.limits(result))
+    lines += _sentences("do next", judgement.next_steps(result))
     lines += ["", wording.direction(result)]
     if report is not None:
         lines.append(f"Report: {wording.printable(str(report))}")
@@ -101,6 +114,15 @@ def _other_camera(camera: CameraReport, name: str, *, first: str) -> list[str]:
         _row("std translation", "  ".join(translation) + "  mm"),
         "",
     ]
+
+
+def _sentences(label: str, sentences: Sequence[str]) -> list[str]:
+    """Each from a line of its own on, broken at words; without any there is no row."""
+    lines: list[str] = []
+    for sentence in filter(None, sentences):
+        text = wording.printable(sentence)
+        lines += textwrap.wrap(text, _LONGEST, break_long_words=False, break_on_hyphens=False)
+    return [_row("" if i else label, line) for i, line in enumerate(lines)]
 
 
 def matrix_lines(matrix: Array) -> list[str]:

@@ -4,8 +4,11 @@ import math
 from collections.abc import Sequence
 
 from handeye_fg.frames import Array
+from handeye_fg.io.camera_results import Calibrated
 from handeye_fg.io.certainty import CertaintyReport
 from handeye_fg.io.direction import direction as direction_of
+from handeye_fg.io.holdout import HoldoutReport
+from handeye_fg.io.image_results import ImageReport
 from handeye_fg.io.results import Result, TargetSummary, parent_frame
 
 MISSING = "—"
@@ -65,9 +68,25 @@ def extent(result: Result) -> str:
 
 def used(result: Result) -> str:
     """How many images or rows X rests on."""
-    held = () if result.holdout is None else {one.name for one in result.holdout.images}
+    held = kept_out(result)
     kept = [row for row in result.images if row.registered and not row.outlier]
     return f"{sum(row.name not in held for row in kept)} of {len(result.images)}"
+
+
+def became(image: ImageReport, *, held_out: bool) -> str:
+    """What became of an image, in a word or two."""
+    if image.outlier:
+        return "rejected"
+    if held_out:
+        return "kept out"
+    return "used" if image.registered else "not used"
+
+
+def kept_out(result: Result) -> frozenset[str]:
+    """Names of images whose robot pose was kept out of X, for a proof."""
+    if result.holdout is None or result.holdout.new_images:
+        return frozenset()
+    return frozenset(one.name for one in result.holdout.images)
 
 
 def target_text(target: TargetSummary) -> str:
@@ -78,8 +97,19 @@ def target_text(target: TargetSummary) -> str:
     )
 
 
-def intervals_text(certainty: CertaintyReport | None) -> str:
-    """What the intervals of X are."""
+def covered(result: Result) -> str:
+    """What the intervals of X are, and what errors are in them."""
+    if result.certainty is None:
+        errors = (
+            "They cover random errors of the images and of the reported poses; a systematic error, such as a robot "
+            "whose links are not as its controller believes, is not in them."
+        )
+    else:
+        errors = result.certainty.robot.reason
+    return f"{_intervals(result.certainty)} {errors}"
+
+
+def _intervals(certainty: CertaintyReport | None) -> str:
     if certainty is None:
         return "The intervals are 1.96 standard deviations: normal errors, each axis by itself."
     freedom = float(certainty.degrees_of_freedom[:6].min())
@@ -172,7 +202,27 @@ def shortened(text: str, length: int = 22) -> str:
     return f"{text[:half]}…{text[-half:]}"
 
 
-def other_intrinsics_text(result: Result) -> str:
+def holdout_text(found: HoldoutReport) -> str:
+    """How X predicts what it has not seen, against what is to be expected."""
+    within = (
+        ""
+        if found.within is None
+        else f" {number(100.0 * found.within, 0)} % of the points are in their ellipses of 95 %."
+    )
+    of = (
+        f"{len(found.images)} new images"
+        if found.new_images
+        else f"{len(found.images)} images that were kept out of it"
+    )
+    return (
+        f"X predicts the robot poses of {of}: root mean square errors beside those "
+        "that the uncertainty of X, images and robot lets expect. In their own standard deviations the mean square error "
+        f"is {significant(found.normalised, 2)} (1 is to be expected); a larger one comes by chance with probability "
+        f"{significant(found.probability, 2)}.{within}"
+    )
+
+
+def other_intrinsics_text(result: Calibrated) -> str:
     """What X would be with the other choice of intrinsics, and how it is tied to the focal length."""
     parts = []
     if (other := result.other_intrinsics) is not None:
