@@ -14,13 +14,12 @@ from handeye_fg import cli, frames
 from handeye_fg.comparison import compare
 from handeye_fg.errors import InputDataError
 from handeye_fg.findings import FreeDirection
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.io.camera_results import CameraReport
 from handeye_fg.observability import on_determined
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate.scenes import default_camera, scene_of, truth_of
 from handeye_fg.solvers import linear_start
+from refinements import refined_from
 
 X = frames.exp(np.array([0.3, -0.2, 1.4, 0.03, -0.05, 0.09]))
 RESULT = make_result(matrix=X, provenance={"input_digest": "a"})
@@ -191,17 +190,8 @@ def test_command_refuses_a_significance_that_is_no_probability(tmp_path, capsys)
 def refined(scene):
     """X and its covariance as a calibration finds them from a reconstruction."""
     reported = scene.robot_poses.base_T_gripper
-    found = refine(
-        scene.model,
-        reported,
-        start_state(
-            scene.model, [scene.camera], linear_start(reported, scene.model.world_T_camera)
-        ),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-    )
+    linear = linear_start(reported, scene.model.world_T_camera)
+    found = refined_from(start_state(scene.model, [scene.camera], linear), scene.model, reported)
     return found.state.gripper_T_camera, found.observability.covariance, found.degrees_of_freedom
 
 

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,7 @@ import yaml
 from handeye_fg.errors import InputDataError
 from handeye_fg.io import files
 from handeye_fg.io.files import sole_use
+from handeye_fg.supervised import _interrupted
 from tabletop import TABLETOP, save_halves
 
 N_IMAGES = 5
@@ -102,6 +103,29 @@ def test_an_interrupt_at_the_start_is_no_failure(images: Path, tmp_path: Path) -
     assert process.returncode == 130
     assert [line for line in printed.splitlines() if line][-2:] == ["Interrupted.", CONTINUE]
     assert "Traceback" not in printed
+
+
+@pytest.fixture
+def as_before() -> Iterator[None]:
+    """Interrupts are handled afterwards as they were."""
+    handler = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, handler)
+
+
+@pytest.mark.usefixtures("as_before")
+def test_work_that_does_not_hear_is_killed(capsys: pytest.CaptureFixture[str]) -> None:
+    deaf = (
+        "import signal, time\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\nprint(flush=True)\ntime.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.read(1)
+        assert _interrupted(child) == 130
+    assert child.returncode == -signal.SIGKILL
+    printed = capsys.readouterr().err
+    assert [line for line in printed.splitlines() if line][-2:] == ["Interrupted.", CONTINUE]
 
 
 @pytest.mark.e2e

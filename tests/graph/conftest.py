@@ -3,11 +3,11 @@
 import gtsam
 import pytest
 
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.variables import camera_key, intrinsics_key, point_key, to_values
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
+from handeye_fg.options import NoiseOptions
 from handeye_fg.solvers import linear_start
+from refinements import refined_from
 
 
 def calibration(camera):
@@ -56,17 +56,8 @@ def refined_scene(
     linear = linear_start(reported, model.world_T_camera, priors=priors)
     if believed:
         how.setdefault("trusted", linear.trusted)
-    return refine(
-        model,
-        reported,
-        start_state(model, [scene.camera], linear),
-        intrinsics=(),
-        noise=noise or NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        priors=priors,
-        **how,
-    )
+    start = start_state(model, [scene.camera], linear)
+    return refined_from(start, model, reported, noise=noise or NoiseOptions(), priors=priors, **how)
 
 
 @pytest.fixture

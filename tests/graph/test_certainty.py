@@ -14,7 +14,7 @@ from handeye_fg.graph.reduced import scatter
 from handeye_fg.options import NoiseOptions
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
-from problems import problem_of
+from refinements import problem_of
 
 
 def positive(seed, n):

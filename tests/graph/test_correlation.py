@@ -7,16 +7,15 @@ import pytest
 
 from handeye_fg import frames
 from handeye_fg.findings import LinearStart
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.correlation import inflation
 from handeye_fg.graph.elimination import batches, by_regions, eliminate
 from handeye_fg.graph.noise import solve
 from handeye_fg.graph.reduced import Layout
 from handeye_fg.graph.variables import LOG_SCALE
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
+from handeye_fg.options import NoiseOptions
 from handeye_fg.simulate import simulate_scene
-from problems import problem_of
+from refinements import problem_of, refined_from
 
 # Robot poses that are exact, for all that matters: X is as certain as the images are.
 EXACT = NoiseOptions(robot_rotation_deg=1e-3, robot_translation_mm=1e-3)
@@ -64,15 +63,8 @@ def start_of(scene):
 
 
 def refined(scene):
-    return refine(
-        scene.model,
-        scene.robot_poses.base_T_gripper,
-        start_of(scene),
-        intrinsics=(),
-        noise=EXACT,
-        options=GraphOptions(),
-        progress=silent,
-    )
+    reported = scene.robot_poses.base_T_gripper
+    return refined_from(start_of(scene), scene.model, reported, noise=EXACT)
 
 
 def factor(scene):

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
+from handeye_fg.graph import start_state
 from handeye_fg.simulate import RigScene, simulate_rig
 from handeye_fg.simulate.scenes import project
 from handeye_fg.solvers.rig import rig_start
 from handeye_fg.types import Rig, SfmModel
+from refinements import refined_from
 
 N_POSES = 10
 # Off by 24 degrees and a sixth of the distance.
@@ -62,16 +61,8 @@ def test_it_changes_neither_the_noise_nor_x(n_points: int, shared: bool) -> None
         rig = Rig(n_cameras=2, camera=rig.camera, pose=np.arange(len(rig.camera)))
     linear = rig_start(reported, model.world_T_camera, rig)
     assert np.flatnonzero(~linear.trusted).tolist() == [len(reported) - 1]
-    found = refine(
-        model,
-        reported,
-        start_state(model, model.cameras, linear, rig),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        trusted=linear.trusted,
-    )
+    start = start_state(model, model.cameras, linear, rig)
+    found = refined_from(start, model, reported, trusted=linear.trusted)
     truth = scene.scene.noise
     assert found.noise.robot_rotation < 1.5 * truth.robot_rotation
     assert found.noise.robot_translation < 1.5 * truth.robot_translation

@@ -7,14 +7,13 @@ import pytest
 from factors.testing import assert_jacobians_match, taylor_slope
 from handeye_fg import frames
 from handeye_fg.graph import measurements as m
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA
 from handeye_fg.observability import LIMITS
-from handeye_fg.options import GraphOptions, NoiseOptions
 from handeye_fg.priors import Prior
-from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
+from refinements import refined_from
 
 
 def scene_of(motion, seed=0):
@@ -25,16 +24,9 @@ def fit(scene, priors=()):
     linear = linear_start(
         scene.robot_poses.base_T_gripper, scene.model.world_T_camera, priors=priors
     )
-    return linear, refine(
-        scene.model,
-        scene.robot_poses.base_T_gripper,
-        start_state(scene.model, [scene.camera], linear),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        priors=priors,
-    )
+    start = start_state(scene.model, [scene.camera], linear)
+    reported = scene.robot_poses.base_T_gripper
+    return linear, refined_from(start, scene.model, reported, priors=priors)
 
 
 def nees(result, scene):

@@ -7,12 +7,13 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import corner_fit, refine, refine_views, start_state
-from handeye_fg.options import GraphOptions, NoiseOptions, Options
+from handeye_fg.graph import corner_fit, refine_views, start_state
+from handeye_fg.options import Options
 from handeye_fg.progress import silent
 from handeye_fg.simulate import project, simulate_scene
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import KnownPoints, Tracks
+from refinements import refined_from
 
 N_KNOWN = 20
 SIGMA, LOG_SCALE_SIGMA = 2e-4, 1e-3
@@ -69,16 +70,7 @@ def draw(seed, *, alone=False, robot_scale=1.0, noise=1.0):
 
 def fit(model, known, reported):
     linear = linear_start(reported, model.world_T_camera)
-    return refine(
-        model,
-        reported,
-        start_state(model, [model.camera], linear),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        known=known,
-    )
+    return refined_from(start_state(model, [model.camera], linear), model, reported, known=known)
 
 
 def nees(result, truth):

@@ -9,7 +9,7 @@ from scipy import stats
 
 from handeye_fg import frames
 from handeye_fg.errors import ConvergenceError, ReconstructionError
-from handeye_fg.graph import IntrinsicsPrior, refine, start_state
+from handeye_fg.graph import IntrinsicsPrior, start_state
 from handeye_fg.graph import measurements as m
 from handeye_fg.graph import noise as noise_module
 from handeye_fg.graph.mismatches import without_mismatches
@@ -18,23 +18,22 @@ from handeye_fg.graph.problem import Problem, make_problem
 from handeye_fg.graph.refine import _stepped as stepped
 from handeye_fg.graph.variables import GRIPPER_T_CAMERA, to_values
 from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import Tracks
+from refinements import refined_from
 
 
 def fit(scene, *, camera=None, intrinsics=(), noise=None, gauge="base", iterations=100, **changes):
     linear = linear_start(scene.robot_poses.base_T_gripper, scene.model.world_T_camera)
     start = start_state(scene.model, [camera or scene.camera], linear)
-    return refine(
+    return refined_from(
+        replace(start, **changes),
         scene.model,
         scene.robot_poses.base_T_gripper,
-        replace(start, **changes),
         intrinsics=intrinsics,
         noise=noise or NoiseOptions(),
         options=GraphOptions(max_iterations=iterations),
-        progress=silent,
         gauge=gauge,
     )
 

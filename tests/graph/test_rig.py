@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
+from handeye_fg.graph import start_state
 from handeye_fg.graph.reduced import Layout
 from handeye_fg.graph.reprojection import derivatives
 from handeye_fg.graph.rig import first_camera_poses, image_poses, is_plain, to_images
 from handeye_fg.graph.variables import State, moved
 from handeye_fg.lens import lens_of
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_scene
 from handeye_fg.solvers import linear_start
 from handeye_fg.types import CameraModel, Rig
+from refinements import refined_from
 
 CAMERA = np.array([0, 0, 1, 2, 1, 2, 2])
 POSE = np.array([0, 1, 1, 1, 2, 2, 0])
@@ -103,15 +102,7 @@ def test_one_camera_is_the_same_with_and_without_the_map():
 
     def refined(reported, rig):
         start = start_state(model, [model.camera], linear, rig)
-        return refine(
-            model,
-            reported,
-            start,
-            intrinsics=(),
-            noise=NoiseOptions(),
-            options=GraphOptions(),
-            progress=silent,
-        )
+        return refined_from(start, model, reported)
 
     plain, general = refined(reported, None), refined(reported[order], rig)
     assert not is_plain(general.state.rig)

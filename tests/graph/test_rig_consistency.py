@@ -7,12 +7,11 @@ import pytest
 from scipy import stats
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
-from handeye_fg.options import GraphOptions, NoiseOptions
-from handeye_fg.progress import silent
+from handeye_fg.graph import start_state
 from handeye_fg.simulate import simulate_rig
 from handeye_fg.solvers.rig import rig_start
 from handeye_fg.types import Rig
+from refinements import refined_from
 
 RUNS = 60
 ROTATION, TRANSLATION = np.deg2rad(0.1), 1e-3
@@ -39,15 +38,7 @@ def fit(scene, rig=None, model=None):
     rig, model = rig or scene.rig, model or scene.scene.model
     reported = scene.robot_poses.base_T_gripper
     linear = rig_start(reported, model.world_T_camera, rig)
-    return refine(
-        model,
-        reported,
-        start_state(model, model.cameras, linear, rig),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-    )
+    return refined_from(start_state(model, model.cameras, linear, rig), model, reported)
 
 
 def camera_of(result):
@@ -200,16 +191,8 @@ def test_a_wrong_robot_pose_is_left_out_for_both_cameras():
     model = scene.scene.model
     linear = rig_start(reported, model.world_T_camera, scene.rig)
     assert linear.trusted is not None
-    result = refine(
-        model,
-        reported,
-        start_state(model, model.cameras, linear, scene.rig),
-        intrinsics=(),
-        noise=NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        trusted=linear.trusted,
-    )
+    start = start_state(model, model.cameras, linear, scene.rig)
+    result = refined_from(start, model, reported, trusted=linear.trusted)
     np.testing.assert_array_equal(np.flatnonzero(result.outliers), [3, 8])
     for k, X in enumerate(scene.gripper_T_cameras):
         square = nees(result.state.gripper_T_cameras[k], X, result.observabilities[k].covariance)

@@ -7,38 +7,27 @@ import numpy as np
 import pytest
 
 from handeye_fg import frames
-from handeye_fg.graph import refine, start_state
 from handeye_fg.graph import second_start as module
-from handeye_fg.options import GraphOptions, NoiseOptions
+from handeye_fg.graph import start_state
+from handeye_fg.options import NoiseOptions
 from handeye_fg.priors import Prior
-from handeye_fg.progress import silent
 from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.solvers import linear_start
 from handeye_fg.solvers.rig import rig_start
+from refinements import refined_from
 
 
 def simulated(seed, **options):
     return simulate_scene(np.random.default_rng(seed), n_points=80, start_sigma=1e-4, **options)
 
 
-def fit(
-    scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), noise=None, priors=(), inverted=False
-):
+def fit(scene, *, turn=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0), **how):
     reported = scene.robot_poses.base_T_gripper
     linear = linear_start(reported, scene.model.world_T_camera)
     start = start_state(scene.model, [scene.camera], linear)
     off = frames.exp(np.concatenate([turn, shift]))
-    return refine(
-        scene.model,
-        reported,
-        replace(start, gripper_T_cameras=start.gripper_T_cameras @ off),
-        intrinsics=(),
-        noise=noise or NoiseOptions(),
-        options=GraphOptions(),
-        progress=silent,
-        priors=priors,
-        inverted=inverted,
-    )
+    start = replace(start, gripper_T_cameras=start.gripper_T_cameras @ off)
+    return refined_from(start, scene.model, reported, **how)
 
 
 def distance(a, b):
@@ -87,15 +76,7 @@ def test_several_cameras_keep_their_places_on_the_arm():
     start = start_state(model, [arm.scene.camera] * 2, linear, arm.rig)
     aside = frames.pose(np.eye(3), np.array([0.4, -0.2, 0.4]))
     for first in (start, replace(start, gripper_T_cameras=aside @ start.gripper_T_cameras)):
-        result = refine(
-            model,
-            reported,
-            first,
-            intrinsics=(),
-            noise=NoiseOptions(),
-            options=GraphOptions(),
-            progress=silent,
-        )
+        result = refined_from(first, model, reported)
         assert result.second_start.agrees
         assert result.second_start.restarted == (first is not start)
         np.testing.assert_allclose(result.state.gripper_T_cameras, arm.gripper_T_cameras, atol=1e-3)
