@@ -33,7 +33,8 @@ def shown(value: object) -> str:
 
 def reason(error: Exception) -> str:
     """What a library says about a failure, in one line of bounded length."""
-    said = error.strerror if isinstance(error, OSError) else None  # without the path, which the message has
+    # Without number and path: the message has the path.
+    said = error.strerror if isinstance(error, OSError) else None
     text = " ".join(str(said or error).split()) or type(error).__name__
     return text if len(text) <= 200 else f"{text[:200]}..."
 
