@@ -25,13 +25,20 @@ _IMAGE = 0.5
 # A point that was seen from some direction is seen from others up to this far from it, and hidden by the
 # thing that it is on from others.
 _SAME_SIDE = np.deg2rad(60.0)
+# An image is divided into so many cells along each side: finer than the linear start is right, a cell may be empty
+# by chance.
+_CELLS = 20
 # Directions beyond this multiple of the image's corner are never seen: polynomial distortion folds far
 # directions back into the image.
 _FOLD_GUARD = 1.5
 
 
 def expected_matches(
-    model: SfmModel, world_T_camera: Array, cameras: Sequence[CameraModel], camera: Indices
+    model: SfmModel,
+    world_T_camera: Array,
+    cameras: Sequence[CameraModel],
+    camera: Indices,
+    features: Sequence[Array] | None = None,
 ) -> Array:
     """How many matches of points to expect of two images, up to a factor.
 
@@ -43,6 +50,8 @@ def expected_matches(
         world_T_camera: camera poses (n, 4, 4) of all images, in the model's world.
         cameras: the intrinsics.
         camera: index (n,) of the camera that took an image.
+        features: pixels (f, 2) of what was found in each image: it matches nowhere else, be it masked, hidden or
+            smooth there. None: anywhere.
 
     Returns:
         Symmetric (n, n), with zeros on the diagonal.
@@ -54,8 +63,12 @@ def expected_matches(
     rays /= np.maximum(depth, np.finfo(float).tiny)[..., None]
     inside = np.stack(
         [
-            _inside(cameras[k], ray @ pose[:3, :3])
-            for k, ray, pose in zip(camera.tolist(), rays, world_T_camera, strict=True)
+            _inside(
+                cameras[k],
+                rays[i] @ world_T_camera[i, :3, :3],
+                None if features is None else features[i],
+            )
+            for i, k in enumerate(camera.tolist())
         ]
     )
     seen = inside & (_nearest_seen(model, tracks, rays) > np.cos(_SAME_SIDE))
@@ -108,8 +121,8 @@ def _sample(tracks: Tracks) -> Tracks:
     )
 
 
-def _inside(camera: CameraModel, rays: Array) -> NDArray[np.bool_]:
-    """Which rays (p, 3), in the camera's frame, end in its image."""
+def _inside(camera: CameraModel, rays: Array, features: Array | None) -> NDArray[np.bool_]:
+    """Which rays (p, 3), in the camera's frame, end in its image, near features (f, 2) where these are given."""
     front = rays[:, 2] > 0.0
     x, y = np.where(front, rays[:, :2].T / np.where(front, rays[:, 2], 1.0), 0.0)
     lens = lens_of(camera)
@@ -117,7 +130,18 @@ def _inside(camera: CameraModel, rays: Array) -> NDArray[np.bool_]:
     corner = float(np.hypot(*(size / (2.0 * lens.focal))))
     pixels = lens.pixels(x, y)
     within = np.all((pixels >= 0.0) & (pixels <= size), axis=1)
-    return np.asarray(front & within & (np.hypot(x, y) < _FOLD_GUARD * corner))
+    within &= front & (np.hypot(x, y) < _FOLD_GUARD * corner)
+    if features is not None:
+        cells = np.zeros((_CELLS, _CELLS), dtype=bool)
+        cells[*_cells(features, size)] = True
+        within[within] = cells[*_cells(pixels[within], size)]
+    return np.asarray(within)
+
+
+def _cells(pixels: Array, size: Array) -> tuple[Indices, Indices]:
+    """The cell of the image in which pixels (m, 2) lie."""
+    cells = np.clip((_CELLS * pixels / size).astype(np.int64), 0, _CELLS - 1)
+    return cells[:, 0], cells[:, 1]
 
 
 def _nearness(world_T_camera: Array, depth: float) -> Array:

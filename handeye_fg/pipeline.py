@@ -18,7 +18,7 @@ from handeye_fg.options import Options
 from handeye_fg.outcome import assemble, require_agreement
 from handeye_fg.progress import Progress, Stopwatch, silent
 from handeye_fg.proof import of_new_images, read_new
-from handeye_fg.scene import Scene, find_scene
+from handeye_fg.scene import Scene, find_scene, require_one_world
 from handeye_fg.solvers.rig import rig_start
 
 Prove = Callable[[Scene, View, Array, Options, Progress], HoldoutReport]
@@ -114,6 +114,7 @@ def solve_scene(
     # 3. Linear start: X and the scale in closed form, from wide-baseline motion pairs.
     priors = in_world_units(options.priors, model.names, model.world_T_camera)
     linear = rig_start(reported, model.world_T_camera, rig, priors=priors)
+    require_one_world(model, reported, rig, linear)
     clock.lap("linear start")
     # 4. Joint refinement in the factor graph, with the robot's noise modelled and estimated.
     parent = parent_frame(options.setup)

@@ -1,5 +1,6 @@
 """Where all cameras were, from a model of some images and the robot."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from handeye_fg.simulate import simulate_rig, simulate_scene
 from handeye_fg.types import RobotPoses
 
 SOME = 16
+ELSEWHERE = frames.exp(np.array([0.5, -1.0, 0.3, 4.0, 2.0, -1.0]))
 
 
 def inputs_of(names, poses):
@@ -57,8 +59,10 @@ def test_all_images_are_placed(scene, wrong) -> None:
         reported[[1, 2]] = reported[[2, 1]]
     inputs = inputs_of(names, RobotPoses(names=names, base_T_gripper=reported))
     some = only(scene.model, names[:SOME])
-    placed = all_cameras(some, inputs, Options())
-    assert placed is not None
+    found = all_cameras([some], inputs, Options())
+    assert found is not None
+    whole, placed = found
+    assert whole is some
     np.testing.assert_array_equal(placed[:SOME], some.world_T_camera)
     turns, ways = offsets(placed, scene.world_T_camera, scene.points_world)
     assert turns.max() < 0.3
@@ -69,21 +73,47 @@ def test_a_model_that_contradicts_the_robot_places_none(scene) -> None:
     names = scene.model.names
     shuffled = np.random.default_rng(0).permutation(scene.robot_poses.base_T_gripper)
     inputs = inputs_of(names, RobotPoses(names=names, base_T_gripper=shuffled))
-    assert all_cameras(only(scene.model, names[:SOME]), inputs, Options()) is None
-    assert all_cameras(only(scene.model, names[:4]), inputs, Options()) is None
+    assert all_cameras([only(scene.model, names[:SOME])], inputs, Options()) is None
+    assert all_cameras([only(scene.model, names[:4])], inputs, Options()) is None
 
 
-def test_several_cameras() -> None:
+def in_another_world(model):
+    points = 0.3 * model.tracks.points_world @ ELSEWHERE[:3, :3].T + ELSEWHERE[:3, 3]
+    poses = ELSEWHERE @ frames.scaled(model.world_T_camera, 0.3)
+    tracks = replace(model.tracks, points_world=points)
+    return replace(model, world_T_camera=poses, tracks=tracks)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_several_cameras(apart) -> None:
+    """In one world, or each in its own."""
     rig = simulate_rig(np.random.default_rng(0), n_poses=20, n_points=120, start_sigma=1e-4)
     model = rig.scene.model
     inputs = inputs_of(model.names, rig.scene.robot_poses)
     some = [name for name in model.names if int(Path(name).stem.split("_")[-1]) < SOME]
     assert SOME < len(some) < len(model.names)
-    placed = all_cameras(only(model, some), inputs, Options())
-    assert placed is not None
+    first, second = (
+        only(model, [name for name in some if name.startswith(f"cam{k}/")]) for k in range(2)
+    )
+    models = [first, in_another_world(second)] if apart else [only(model, some)]
+    found = all_cameras(models, inputs, Options())
+    assert found is not None
+    whole, placed = found
     turns, ways = offsets(placed, rig.scene.world_T_camera, rig.scene.points_world)
     assert turns.max() < 0.3
     assert ways.max() < 0.01
-    # Of a camera that the model has no image of, nothing is known.
-    first = [name for name in model.names if name.startswith(model.names[0].split("/")[0])]
-    assert all_cameras(only(model, first), inputs, Options()) is None
+    assert sorted(whole.names) == some
+    assert len(whole.cameras) == 2
+    rows = [model.names.index(name) for name in whole.names]
+    np.testing.assert_array_equal(whole.image_camera, model.image_camera[rows])
+    np.testing.assert_array_equal(whole.world_T_camera, placed[rows])
+    # The second camera's points are where they were, and seen where they were.
+    tracks = whole.tracks
+    offset = tracks.points_world[tracks.point_index] - placed[rows][tracks.image_index, :3, 3]
+    local = np.einsum("mi,mij->mj", offset, placed[rows][tracks.image_index, :3, :3])
+    pixels = local[:, :2] / local[:, 2:] * model.camera.params[:2] + model.camera.params[2:4]
+    off = np.linalg.norm(pixels - tracks.pixels, axis=1)
+    own = whole.image_camera[tracks.image_index] == 1
+    assert np.median(off[own]) < 2.0 * np.median(off[~own])  # a lens without distortion
+    # Of a camera that no model has an image of, nothing is known.
+    assert all_cameras([first], inputs, Options()) is None

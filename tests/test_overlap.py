@@ -128,3 +128,18 @@ def test_the_other_side_of_a_thing_is_not_seen(bench: Bench) -> None:
     expected = expected_matches(bench.model, below, (CAMERA,), np.zeros(N_IMAGES, dtype=np.int64))
     assert expected[::2, 1::2].max() < 0.05 * expected.max()
     assert expected[::2, ::2].max() == expected.max()
+
+
+def test_a_thing_matches_only_where_features_are(bench: Bench) -> None:
+    """Every second image shows nothing but its left half, one nothing at all."""
+    rng = np.random.default_rng(0)
+    features = [rng.uniform([0.0, 0.0], [960.0, 720.0], (6000, 2)) for _ in range(N_IMAGES)]
+    features[1::2] = [pixels[pixels[:, 0] < 480.0] for pixels in features[1::2]]
+    camera = np.zeros(N_IMAGES, dtype=np.int64)
+    anywhere = expected_matches(bench.model, bench.poses, (CAMERA,), camera)
+    found = expected_matches(bench.model, bench.poses, (CAMERA,), camera, features)
+    np.testing.assert_allclose(found[::2, ::2], anywhere[::2, ::2], atol=0.01)
+    assert found[1::2].sum() < 0.7 * anywhere[1::2].sum()
+    features[3] = np.zeros((0, 2))
+    blind = expected_matches(bench.model, bench.poses, (CAMERA,), camera, features)
+    assert blind[3].max() <= 1.0

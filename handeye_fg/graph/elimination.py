@@ -33,6 +33,9 @@ from handeye_fg.types import Indices, Tracks
 # there are pairs of images, so that adding up the batches' matrices costs less than making them.
 _BATCH = 16_000
 _FEWEST_BATCHES = 2  # one for each of two cores
+_SINGULAR = (
+    1e-12  # part of the largest element; of two lines of sight at an angle of 0.01 it is 1e-4
+)
 _SLABS = 4  # of a symmetric product: 5/8 of it are computed
 
 
@@ -161,7 +164,10 @@ class _Whitened:
     others: Array
 
 
-def _whitened(batch: Batch, state: State, layout: Layout) -> _Whitened:
+def _whitened(
+    batch: Batch, state: State, layout: Layout, mute: NDArray[np.bool_] | None = None
+) -> _Whitened:
+    """What a batch says, but for observations (m,) that are not to say anything."""
     found = derivatives(
         state,
         batch.image,
@@ -171,9 +177,11 @@ def _whitened(batch: Batch, state: State, layout: Layout) -> _Whitened:
     )
     weight = 1.0 / batch.sigmas
     m, n = len(weight), layout.n_poses
-    by_pose = (found.by_pose * weight[:, None, None])[batch.camera_order]
     others = np.concatenate([found.by_intrinsics, -found.errors[:, :, None]], axis=2)
     others *= weight[:, None, None]
+    if mute is not None:
+        weight[mute], others[mute, :, :-1] = 0.0, 0.0
+    by_pose = (found.by_pose * weight[:, None, None])[batch.camera_order]
     return _Whitened(
         by_cameras=sparse.bsr_array(
             (by_pose.transpose(0, 2, 1).copy(), batch.camera_order, batch.camera_start),
@@ -200,14 +208,41 @@ def _by_points(blocks: Array, batch: Batch, n_points: int) -> sparse.bsr_array:
     return sparse.bsr_array((blocks, batch.point, rows), shape=(2 * m, 3 * n_points))
 
 
-def _orthonormal(blocks: Array, batch: Batch) -> tuple[sparse.bsr_array, Array]:
-    """Q and L^-1 (p, 3, 3) of the derivatives by the points."""
+def _separated(
+    batch: Batch, state: State, layout: Layout
+) -> tuple[_Whitened, sparse.bsr_array, Array]:
+    """What a batch says, and Q and L^-1 (p, 3, 3) of its derivatives by the points.
+
+    Observations of a point that they do not determine, since all of its cameras but one have it behind
+    them, say nothing.
+    """
+    whitened = _whitened(batch, state, layout)
+    V = _of_points(whitened, batch)
+    lost = _singular(V)
+    if lost.any():
+        whitened = _whitened(batch, state, layout, lost[batch.point])
+        V[lost] = np.eye(3)
+    root = np.linalg.cholesky(V)
+    inverse_root = np.asarray(np.linalg.inv(root), dtype=np.float64)
+    blocks = whitened.by_point @ np.swapaxes(inverse_root, 1, 2)[batch.point]
+    return whitened, _by_points(blocks, batch, len(V)), inverse_root
+
+
+def _singular(V: Array) -> NDArray[np.bool_]:
+    """Which symmetric matrices (p, 3, 3) are singular but for rounding."""
+    try:
+        pivots = np.linalg.cholesky(V).diagonal(axis1=1, axis2=2) ** 2
+    except np.linalg.LinAlgError:
+        pivots = np.linalg.eigvalsh(V)
+    largest = V.diagonal(axis1=1, axis2=2).max(axis=1)
+    return np.asarray(pivots.min(axis=1) <= _SINGULAR * largest)
+
+
+def _of_points(whitened: _Whitened, batch: Batch) -> Array:
+    """P'P: a block (p, 3, 3) for each point of a batch."""
     n_points = batch.points.stop - batch.points.start
-    squares = np.ascontiguousarray(np.swapaxes(blocks, 1, 2)) @ blocks
-    V = np.add.reduceat(squares, np.searchsorted(batch.point, np.arange(n_points)))
-    inverse_root = np.asarray(np.linalg.inv(np.linalg.cholesky(V)), dtype=np.float64)
-    Q = _by_points(blocks @ np.swapaxes(inverse_root, 1, 2)[batch.point], batch, n_points)
-    return Q, inverse_root
+    squares = np.ascontiguousarray(np.swapaxes(whitened.by_point, 1, 2)) @ whitened.by_point
+    return np.asarray(np.add.reduceat(squares, np.searchsorted(batch.point, np.arange(n_points))))
 
 
 def by_regions(
@@ -242,12 +277,11 @@ def _by_regions(
     batch: Batch, state: State, layout: Layout, directions: Array, region: Indices, count: int
 ) -> tuple[Array, Array]:
     """Rows of the cameras (b, 6 n, q + 1) and of the intrinsics of what a batch says."""
-    whitened = _whitened(batch, state, layout)
+    whitened, Q, _ = _separated(batch, state, layout)
     n, m = layout.n_poses, len(batch.image)
     by_intrinsics, errors = whitened.others[:, :-1], whitened.others[:, -1]
     along = whitened.by_cameras.T @ directions[: 6 * n]
     along += by_intrinsics @ directions[layout.intrinsics_columns]
-    Q, _ = _orthonormal(whitened.by_point, batch)
     rest = np.column_stack([along, errors])
     rest = (rest - Q @ (Q.T @ rest)).reshape(m, 2, -1)
     theirs = region[batch.point + batch.points.start]
@@ -267,9 +301,8 @@ def _by_regions(
 
 def _eliminated(batch: Batch, state: State, layout: Layout) -> _Part:
     """Linearise a batch and eliminate its points."""
-    whitened = _whitened(batch, state, layout)
+    whitened, Q, inverse_root = _separated(batch, state, layout)
     C, E = whitened.by_cameras, whitened.others
-    Q, inverse_root = _orthonormal(whitened.by_point, batch)
     Y, q_others = C @ Q, Q.T @ E
     return _Part(
         cameras=((0, C @ C.T), *_lower_square(Y)),
@@ -304,7 +337,7 @@ def eliminate(parts: Sequence[Batch], state: State, layout: Layout) -> Eliminate
         layout: of the shared unknowns, with a pose for each image.
 
     Raises:
-        ConvergenceError: a point is not determined by its observations.
+        ConvergenceError: derivatives are not finite.
     """
     n, intrinsics = 6 * layout.n_poses, layout.intrinsics_columns
     hessian, cameras_others = np.zeros((layout.dim, layout.dim)), np.zeros((n, len(intrinsics) + 1))
@@ -321,8 +354,8 @@ def eliminate(parts: Sequence[Batch], state: State, layout: Layout) -> Eliminate
                 back.append(one.back)
         except np.linalg.LinAlgError as error:
             raise ConvergenceError(
-                "a scene point is not determined by its observations after the refinement; "
-                "the reconstruction is too weak, add images"
+                "the joint refinement diverged: its derivatives are not finite; check the robot poses and "
+                "the reconstruction"
             ) from error
     hessian = np.tril(hessian)
     hessian += np.tril(hessian, -1).T

@@ -72,7 +72,7 @@ class Problem:
             state: the values.
 
         Raises:
-            ConvergenceError: a point is not determined by its observations.
+            ConvergenceError: derivatives are not finite.
         """
         values = self._values(state)
         images = replace(self.layout, n_poses=len(state.rig.pose))

@@ -124,6 +124,7 @@ def assemble(
         observability={
             "weakest_std_over_limit": final.observability.weakest_std,
             "observations_used": float(len(final.tracks.pixels)),
+            "points_used": float(len(final.tracks.points_world)),
             "degrees_of_freedom": final.degrees_of_freedom,
             **{
                 f"{name}_degrees_of_freedom": level.degrees_of_freedom

@@ -1,8 +1,11 @@
 """Where the robot says that cameras were; entry point ``all_cameras``.
 
 A reconstruction of some of the images gives X and the scale in closed form; with them, the robot's poses
-say where in the reconstruction's world all other cameras were, to some pixels.
+say where in the reconstruction's world all other cameras were, to some pixels. Several reconstructions, of
+different cameras, come together in the robot's base.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +16,7 @@ from handeye_fg.frames import Array
 from handeye_fg.inputs import Inputs
 from handeye_fg.known import in_world_units
 from handeye_fg.options import Options
+from handeye_fg.parts import moved, united
 from handeye_fg.solvers.rig import rig_start
 from handeye_fg.types import SfmModel, folder_of
 
@@ -22,36 +26,58 @@ _FEWEST_IMAGES = 5
 _SURE_ROTATION, _SURE_TRANSLATION = np.deg2rad(1.0), 0.02
 
 
-def all_cameras(model: SfmModel, inputs: Inputs, options: Options) -> Array | None:
+def all_cameras(
+    models: Sequence[SfmModel], inputs: Inputs, options: Options
+) -> tuple[SfmModel, Array] | None:
     """Where the cameras of all images were.
 
     Args:
-        model: of some of the images.
+        models: of some of the images, each in a world of its own; no two have images of one camera.
         inputs: with the robot's poses.
         options: with what is known beforehand.
 
     Returns:
-        Camera poses (n, 4, 4) in the model's world, its own where it has the image; None where robot and
-        model do not agree well, or the model has no image of some camera.
+        The models as one in the first one's world, and camera poses (n, 4, 4) there, of the images in the
+        models their own; None where robot and models do not agree well, or no model has an image of some
+        camera.
     """
+    X: dict[str, Array] = {}
+    worlds: list[LinearStart] = []
+    for model in models:
+        linear = _start(model, inputs, options)
+        if linear is None:
+            return None
+        of_cameras = linear.gripper_T_camera @ np.asarray(linear.first_T_cameras)
+        cameras = model.image_camera.tolist()
+        X |= {folder_of(n): of_cameras[k] for n, k in zip(model.names, cameras, strict=True)}
+        worlds.append(linear)
     names = inputs.names
-    of_folder = dict(zip(map(folder_of, model.names), model.image_camera.tolist(), strict=True))
-    if any(folder_of(name) not in of_folder for name in names):
+    if any(folder_of(name) not in X for name in names):
         return None
+    Z, unit = np.asarray(worlds[0].base_T_world), worlds[0].metres_per_world_unit
+    whole = models[0]
+    for model, linear in zip(models[1:], worlds[1:], strict=True):
+        home_T_world = frames.scaled(
+            frames.inverse(Z) @ np.asarray(linear.base_T_world), 1.0 / unit
+        )
+        whole = united(whole, moved(model, home_T_world, linear.metres_per_world_unit / unit))
+    base_T_camera = inputs.robot_poses(names) @ [X[folder_of(name)] for name in names]
+    placed = frames.scaled(frames.inverse(Z) @ base_T_camera, 1.0 / unit)
+    placed[[names.index(name) for name in whole.names]] = whole.world_T_camera
+    return whole, placed
+
+
+def _start(model: SfmModel, inputs: Inputs, options: Options) -> LinearStart | None:
+    """X of a model's cameras, Z and the scale in closed form; None where they are not sure."""
+    # What is known beforehand is of the first camera.
+    first = folder_of(model.names[0]) == min(map(folder_of, inputs.names))
     try:
         rig, reported = inputs.arm(model)
-        priors = in_world_units(options.priors, model.names, model.world_T_camera)
+        priors = in_world_units(options.priors, model.names, model.world_T_camera) if first else ()
         linear = rig_start(reported, model.world_T_camera, rig, priors=priors)
     except HandEyeError:
         return None
-    Z, scale = linear.base_T_world, linear.metres_per_world_unit
-    if Z is None or not _sure(linear, model):
-        return None
-    X = linear.gripper_T_camera @ np.asarray(linear.first_T_cameras)
-    base_T_camera = inputs.robot_poses(names) @ X[[of_folder[folder_of(name)] for name in names]]
-    placed = frames.scaled(frames.inverse(Z) @ base_T_camera, 1.0 / scale)
-    placed[[names.index(name) for name in model.names]] = model.world_T_camera
-    return placed
+    return linear if linear.base_T_world is not None and _sure(linear, model) else None
 
 
 def _sure(linear: LinearStart, model: SfmModel) -> bool:

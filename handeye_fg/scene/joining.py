@@ -30,13 +30,22 @@ _FEWEST_MOTIONS = 4
 _SURE_ROTATION, _SURE_TRANSLATION = np.deg2rad(1.0), 0.02
 # No pose of an image, however few its points, that is right is farther from where the robot had it.
 _FAR_ROTATION, _FAR_TRANSLATION = np.deg2rad(10.0), 0.2
+# Of the points of the camera's median image: less is few.
+_FEW = 0.25
 # So few images say nothing against what links them to the others.
 _FEWEST_LINKED = 3
 _FALSELY_LINKED = "its matches put it elsewhere than the robot does"
 _CONTRADICTS = "placed with {} others, apart from the rest, but they do not move as the robot did"
 
+# This part of the images is most, if it is not fewer than tell X; and so often they are chosen again by what the
+# chosen ones say.
+_MOST, _FEWEST_TO_TELL, _MOST_STEPS = 2.0 / 3.0, 6, 5
+
 _X = Mapping[str, Array]
 """gripper_T_camera (4, 4), metres, of the camera of each folder of images."""
+
+_Camera = tuple[PosePairs, Array]
+"""The poses of a camera in a world, and its X (4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +64,17 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
         inputs: the inputs.
         folder: of the reconstruction.
     """
-    model = _without_false_links(_without_cameras_elsewhere(model, inputs), inputs)
+    start = _without_false_links(_without_cameras_elsewhere(model, inputs), inputs)
+    found = _with_missing(start, inputs, folder)
+    if found.names == start.names:
+        return found
+    # Now X is better known, and places those that were bent with what falsely linked them.
+    found = _with_missing(_without_weak_links(found, inputs), inputs, folder)
+    return replace(found, by_robot=len({*found.names} - {*start.names}))
+
+
+def _with_missing(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
+    """The model with those of the missing images whose matches agree with where they should be, if any."""
     if not model.unregistered:
         return model
     parts = [_part(fragment, inputs) for fragment in (as_fragment(model), *model.fragments)]
@@ -91,15 +110,24 @@ def joined(model: SfmModel, inputs: Inputs, folder: Path) -> SfmModel:
         for name, camera in fragment.cameras.items()
     }
     full = sfm.complete(folder, model, dict(zip(missing, expected, strict=True)), cameras)
-    return replace(
-        full,
-        unregistered=tuple((name, contradicting.get(name, why)) for name, why in full.unregistered),
-        by_robot=len(full.names) - len(model.names),
-    )
+    unregistered = tuple((name, contradicting.get(name, why)) for name, why in full.unregistered)
+    return replace(full, unregistered=unregistered)
 
 
 def elsewhere(model: SfmModel, inputs: Inputs) -> NDArray[np.bool_]:
     """Which images (n,) are far from where the robot had them; none of a camera whose X is not sure."""
+    return _far(model, inputs, _FAR_ROTATION, _FAR_TRANSLATION)
+
+
+def few_points(model: SfmModel) -> NDArray[np.bool_]:
+    """Which images (n,) have few points beside the others of their camera."""
+    points = np.bincount(model.tracks.image_index, minlength=len(model.names))
+    own = [points[model.image_camera == k] for k in range(len(model.cameras))]
+    return np.asarray(points < _FEW * np.array([np.median(n) for n in own])[model.image_camera])
+
+
+def _far(model: SfmModel, inputs: Inputs, rotation: float, translation: float) -> NDArray[np.bool_]:
+    """Which images (n,) are farther (radians; part of the extent) from where the robot had them."""
     part = _part(as_fragment(model), inputs)
     X = _sure_ones(part)
     world = _agreeing(part, X)
@@ -111,8 +139,19 @@ def elsewhere(model: SfmModel, inputs: Inputs) -> NDArray[np.bool_]:
     names = [name for name in model.names if folder_of(name) in X]
     angle, distance = differences(_by_robot(names, inputs, X), world.base_T_world @ camera)
     extent = _extent(part.data.values(), world)
-    far[told] = (angle > _FAR_ROTATION) | (distance > _FAR_TRANSLATION * extent)
+    far[told] = (angle > rotation) | (distance > translation * extent)
     return far
+
+
+def _without_weak_links(model: SfmModel, inputs: Inputs) -> SfmModel:
+    """The model without images that few points hold where the robot does not have them."""
+    far = _far(model, inputs, _SURE_ROTATION, _SURE_TRANSLATION) & few_points(model)
+    names = [name for name, is_far in zip(model.names, far, strict=True) if is_far]
+    if not names:
+        return model
+    kept = only(model, [name for name in model.names if name not in names])
+    unregistered = (*model.unregistered, *((name, _FALSELY_LINKED) for name in names))
+    return replace(kept, unregistered=unregistered)
 
 
 def _by_robot(names: Sequence[str], inputs: Inputs, X: _X) -> Array:
@@ -150,9 +189,7 @@ def _without_cameras_elsewhere(model: SfmModel, inputs: Inputs) -> SfmModel:
         return model
     extent, apart = _extent([part.data[lead]], home), []
     for name in X.keys() - {lead}:
-        data = part.data[name]
-        camera = frames.scaled(data.world_T_camera, home.metres_per_world_unit)
-        angle, distance = differences(data.base_T_gripper @ X[name], home.base_T_world @ camera)
+        angle, distance = _off(part.data[name], X[name], home)
         if np.median(angle) > _FAR_ROTATION or np.median(distance) > _FAR_TRANSLATION * extent:
             apart.append(name)
     for name in sorted(apart):
@@ -240,14 +277,24 @@ def _of_those_that_agree(worlds: Sequence[PosePairs]) -> Array | None:
 
 
 def _sure(worlds: Sequence[PosePairs]) -> Array | None:
-    """X of one camera in some worlds if it can say where further images of it were taken."""
+    """X of one camera in some worlds if it can say where further images of it were taken.
+
+    False matches bend what they hold: X is that of the images that agree best, which are most of them.
+    """
     if sum(len(data) - 1 for data in worlds) < _FEWEST_MOTIONS:
         return None
-    try:
-        X = common_start(worlds)
-    except HandEyeError:
-        return None
-    return X if all(_world(((data, X),)) is not None for data in worlds) else None
+    core = list(worlds)
+    for _ in range(_MOST_STEPS):
+        try:
+            X = common_start(core)
+        except HandEyeError:
+            return None
+        if all(_as_reported([(data, X)]) is not None for data in core):
+            return X
+        core = [
+            _best([(data, X)], [(own, X)])[0][0] for data, own in zip(worlds, core, strict=True)
+        ]
+    return None
 
 
 def _agreeing(part: _Part, X: _X) -> InWorld | None:
@@ -255,11 +302,21 @@ def _agreeing(part: _Part, X: _X) -> InWorld | None:
     return _world([(data, X[name]) for name, data in part.data.items() if name in X])
 
 
-def _world(cameras: Sequence[tuple[PosePairs, Array]]) -> InWorld | None:
-    """How a world lies in the base, from the poses of cameras and their X; None where they contradict it."""
-    moving = [(data, X) for data, X in cameras if len(data) > 1]
-    data = [data for data, _ in moving]
-    world = in_world(data, [X for _, X in moving])
+def _world(cameras: Sequence[_Camera]) -> InWorld | None:
+    """How a world lies in the base, from the poses of cameras and their X; None where most contradict it."""
+    moving = core = [(data, X) for data, X in cameras if len(data) > 1]
+    for _ in range(_MOST_STEPS):
+        world = _as_reported(core)
+        if world is not None:
+            return world
+        core = _best(moving, core)
+    return None
+
+
+def _as_reported(cameras: Sequence[_Camera]) -> InWorld | None:
+    """How a world lies in the base; None where one of the poses contradicts that."""
+    data = [data for data, _ in cameras]
+    world = in_world(data, [X for _, X in cameras])
     if world is None:
         return None
     right = (
@@ -267,6 +324,32 @@ def _world(cameras: Sequence[tuple[PosePairs, Array]]) -> InWorld | None:
         and world.residual_translation < _SURE_TRANSLATION * _extent(data, world)
     )
     return world if right else None
+
+
+def _best(cameras: Sequence[_Camera], core: Sequence[_Camera]) -> list[_Camera]:
+    """Of the poses in a world most, those that are nearest to what some of them say; all if there are few."""
+    world = in_world([data for data, _ in core], [X for _, X in core])
+    n = sum(len(data) for data, _ in cameras)
+    if world is None or _MOST * n < _FEWEST_TO_TELL:
+        return list(cameras)
+    off = [_off(data, X, world) for data, X in cameras]
+    middle = np.median(np.concatenate(off, axis=1), axis=1)[:, None]
+    apart = [np.max(one / np.maximum(middle, np.finfo(float).tiny), axis=0) for one in off]
+    limit = np.quantile(np.concatenate(apart), _MOST)
+    return [(_rows(data, d <= limit), X) for (data, X), d in zip(cameras, apart, strict=True)]
+
+
+def _rows(data: PosePairs, kept: NDArray[np.bool_]) -> PosePairs:
+    """Some of the poses."""
+    return PosePairs(
+        base_T_gripper=data.base_T_gripper[kept], world_T_camera=data.world_T_camera[kept]
+    )
+
+
+def _off(data: PosePairs, X: Array, world: InWorld) -> Array:
+    """How far images are from where the robot had them: angles and distances (2, n), radians and metres."""
+    camera = frames.scaled(data.world_T_camera, world.metres_per_world_unit)
+    return np.stack(differences(data.base_T_gripper @ X, world.base_T_world @ camera))
 
 
 def _extent(data: Iterable[PosePairs], world: InWorld) -> float:

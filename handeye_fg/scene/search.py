@@ -16,13 +16,11 @@ from handeye_fg.patterns import Detections, Target
 from handeye_fg.progress import Progress
 from handeye_fg.scene.claims import agreed
 from handeye_fg.scene.expected import all_cameras
-from handeye_fg.scene.joining import elsewhere, joined
+from handeye_fg.scene.joining import elsewhere, few_points, joined
 from handeye_fg.targets import BoardPoses, find_target, on_target, place_on_board
 from handeye_fg.types import CameraModel, KnownPoints, SfmModel
 
 _FEWEST_IMAGES = 3
-# Of the points of the camera's median image: less is few.
-_FEW_POINTS = 0.25
 _FOREIGN = (
     "its matches put it elsewhere than the robot does: it shows something else or too "
     "little, or its robot pose is wrong"
@@ -123,7 +121,7 @@ def reconstructed(inputs: Inputs, folder: Path, options: Options, progress: Prog
         turns=inputs.turns(inputs.names, options.setup),
         guide=sfm.RobotGuide(
             base_T_gripper=inputs.robot_poses(inputs.names),
-            place=lambda some: all_cameras(some, inputs, options),
+            place=lambda models: all_cameras(models, inputs, options),
         ),
     )
 
@@ -144,10 +142,7 @@ def _judged(model: SfmModel, inputs: Inputs) -> SfmModel:
     """
     flawed = flaws(inputs.looks)
     points = np.bincount(model.tracks.image_index, minlength=len(model.names))
-    own = [points[model.image_camera == k] for k in range(len(model.cameras))]
-    fewest = _FEW_POINTS * np.array([np.median(n) for n in own])[model.image_camera]
-    suspect = (points < fewest).tolist()
-    far = elsewhere(model, inputs).tolist()
+    suspect, far = few_points(model).tolist(), elsewhere(model, inputs).tolist()
     weak = {
         name: f"{flawed.get(name, _FOREIGN)}; only {points[i]} points hold it"
         for i, name in enumerate(model.names)

@@ -252,9 +252,9 @@ def _matched(task: Task, sensitivity: Sensitivity) -> Matches:
     return Matches(stage=stage, begun=begun)
 
 
-def _some(task: Task, stage: Stage, names: tuple[str, ...]) -> SfmModel | None:
-    """A model of some of the images."""
-    models = _mapped(task, Matches(stage=stage), _first_rung(task), names)
+def _some(task: Task, stage: Stage, number: int, names: tuple[str, ...]) -> SfmModel | None:
+    """A model of some of the images; ``number``: of the model, of several that are needed together."""
+    models = _mapped(task, Matches(stage=stage), _first_rung(task), names, number)
     found = next(iter(models), None)
     if found is None or found.num_reg_images() < FEWEST_IMAGES or _thin(found):
         return None
@@ -288,9 +288,9 @@ def _better(task: Task, best: Found, matches: Matches, rung: Rung) -> Found:
 
 
 def _mapped(
-    task: Task, matches: Matches, rung: Rung, some: tuple[str, ...] = ()
+    task: Task, matches: Matches, rung: Rung, some: tuple[str, ...] = (), number: int = 0
 ) -> list[pycolmap.Reconstruction]:
-    """The models of a rung, the largest first; ``some``: of these images only.
+    """The models of a rung, the largest first; ``some``: of these images only, kept under this number.
 
     At the first rung a model of some of the images that agrees with the robot is continued.
     """
@@ -326,7 +326,7 @@ def _mapped(
             model.write(folder / str(k))
         return {"models": len(models)}
 
-    kind = f"{matches.stage.kind}-{'some' if some else rung.name}"
+    kind = f"{matches.stage.kind}-{f'some{number}' if some else rung.name}"
     stage = open_stage(task.stages, kind, key, build)
     stage.finish()
     folders = [stage.folder / str(k) for k in range(stage.facts["models"])]

@@ -1,11 +1,11 @@
 """The pairs of images that are worth matching, by the robot's poses; entry point ``match_by_robot``.
 
-A few images are matched and mapped first. From them follow X and the scale, so that the robot says where
-every camera was, and what it should see. Where images do not show what they should, the robot's poses
-may be wrong: such an image is matched with all others.
+A few images are matched and mapped first, of each camera by itself: two on one arm may share nothing. From
+them follow X and the scale, so that the robot says where every camera was, and what it should see. Where
+images do not show what they should, the robot's poses may be wrong: such an image is matched with all others.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,12 +42,12 @@ class RobotGuide:
     Attributes:
         base_T_gripper: the reported poses (n, 4, 4) of the images in the order of their names, in the form
             of the equations.
-        place: from a model of some images, camera poses (n, 4, 4) of all in its world; None: robot and
-            model do not agree well enough, or it has no image of some camera.
+        place: from models of some images the models in one world, and camera poses (n, 4, 4) of all images
+            there; None: robot and models do not agree well enough, or they have no image of some camera.
     """
 
     base_T_gripper: Array
-    place: Callable[[SfmModel], Array | None]
+    place: Callable[[Sequence[SfmModel]], tuple[SfmModel, Array] | None]
 
 
 def by_robot(options: SfmOptions, n_images: int) -> bool:
@@ -59,7 +59,7 @@ def match_by_robot(
     matcher: Matcher,
     names: tuple[str, ...],
     guide: RobotGuide,
-    map_some: Callable[[tuple[str, ...]], SfmModel | None],
+    map_some: Callable[[int, tuple[str, ...]], SfmModel | None],
 ) -> tuple[str, ...]:
     """Match the pairs of images that should see the same things, or all where that is not known.
 
@@ -67,53 +67,89 @@ def match_by_robot(
         matcher: of a database with the features of the images.
         names: of all images, in their order.
         guide: what the robot knows.
-        map_some: the model of some of the images from the matches so far.
+        map_some: the model of some of the images from the matches so far, and which of several models it is.
 
     Returns:
-        The images of which the model agreed with the robot, so that it chose the pairs; none: all were matched.
+        The images of which the first model agreed with the robot, so that it chose the pairs; none: all were
+        matched.
 
     Raises:
         ReconstructionError: COLMAP failed.
     """
-    for beginning in beginnings(guide.base_T_gripper):
-        matcher.match_pairs(_all_pairs(beginning))
-        begun = tuple(names[i] for i in beginning.tolist())
-        model = map_some(begun)
-        placed = None if model is None else guide.place(model)
-        if model is None or placed is None:
+    for beginning in beginnings(guide.base_T_gripper, [folder_of(name) for name in names]):
+        begun = [tuple(names[i] for i in images.tolist()) for images in beginning]
+        models = []
+        for k, images in enumerate(beginning):
+            matcher.match_pairs(_all_pairs(images))
+            models.append(map_some(k, begun[k]))
+        found = [model for model in models if model is not None]
+        placed = guide.place(found) if len(found) == len(models) else None
+        if placed is None:
             continue
+        model, world_T_camera = placed
         of_folder = dict(zip(map(folder_of, model.names), model.image_camera.tolist(), strict=True))
         camera = np.array([of_folder[folder_of(name)] for name in names])
-        expected = expected_matches(model, placed, model.cameras, camera)
+        features = _features(matcher.database, len(names))
+        expected = expected_matches(model, world_T_camera, model.cameras, camera, features)
         chosen = best_partners(expected, _PARTNERS)
         matcher.match_pairs(_pairs(chosen))
-        doubtful = not_as_placed(matcher.database, chosen, placed, matcher.seed)
+        doubtful = not_as_placed(matcher.database, chosen, world_T_camera, matcher.seed)
         if np.mean(doubtful) <= _MOST_DOUBTFUL:
             matcher.match_pairs(_pairs(doubtful | doubtful[:, None]))
-            return begun
+            return begun[0]
         break
     matcher.match_all()
     return ()
 
 
-def beginnings(base_T_gripper: Array) -> Iterator[Indices]:
-    """Sets of images to begin with, in the order in which they are to be tried.
+def beginnings(base_T_gripper: Array, folders: Sequence[str]) -> Iterator[tuple[Indices, ...]]:
+    """Sets of images to begin with, each to be mapped by itself, in the order in which they are to be tried.
 
-    First some that are spread over the half in the middle: they tell X well, and are near enough to each
-    other to be matched. Then those that are nearest to each other. Images at one pose come together.
+    First of each camera some that are spread over the half in the middle: they tell X well, and are near
+    enough to each other to be matched. Then those that are nearest to each other. Then both of all cameras
+    together, in case that one has too few images by itself; images at one pose come together.
+
+    Args:
+        base_T_gripper: the reported poses (n, 4, 4).
+        folders: of each image: those in one are of one camera.
     """
-    apart = _apart(base_T_gripper)
-    by_nearness = np.argsort(apart[np.argmin(apart.sum(axis=1))], kind="stable")
+    of_cameras = [np.flatnonzero(np.array(folders) == folder) for folder in sorted({*folders})]
+    together = [np.arange(len(folders))]
+    for groups in [of_cameras] + [together] * (len(of_cameras) > 1):
+        for chosen in (_spread, _compact):
+            yield tuple(group[chosen(_apart(base_T_gripper[group]))] for group in groups)
+
+
+def _spread(apart: Array) -> Indices:
+    """Images that are spread over the half in the middle; ``apart``: how far they are from each other (n, n)."""
+    by_nearness = _by_nearness(apart)
     half = by_nearness[: max(_BEGINNING, (len(apart) + 1) // 2)]
     spread = half[:1]
     while True:
         to_spread = apart[spread].min(axis=0)
         chosen = np.flatnonzero(to_spread < _SAME)
         if len(chosen) >= _BEGINNING or np.all(to_spread[half] < _SAME):
-            break
+            return chosen
         spread = np.append(spread, half[np.argmax(to_spread[half])])
-    yield chosen
-    yield np.sort(by_nearness[:_BEGINNING])
+
+
+def _compact(apart: Array) -> Indices:
+    """The images that are nearest to each other."""
+    return np.sort(_by_nearness(apart)[:_BEGINNING])
+
+
+def _by_nearness(apart: Array) -> Indices:
+    """The images (n,), the most central one first."""
+    return np.argsort(apart[np.argmin(apart.sum(axis=1))], kind="stable")
+
+
+def _features(database: Path, n_images: int) -> list[Array]:
+    """Pixels (f, 2) of the features of each image."""
+    with pycolmap.Database.open(database) as db:
+        return [
+            np.asarray(db.read_keypoints(number)[:, :2], dtype=np.float64)
+            for number in range(1, n_images + 1)
+        ]
 
 
 def not_as_placed(

@@ -228,12 +228,50 @@ def shared_of(ordering):
     return [ordering.at(i) for i in range(ordering.size())]
 
 
-def test_a_point_that_no_camera_determines_is_refused(state_and_tracks):
+@pytest.mark.parametrize(("image", "along"), [(0, -0.3), (1, 0.3)], ids=["behind", "one way"])
+def test_a_point_that_no_camera_determines_says_nothing(state_and_tracks, image, along):
+    """It is behind the only camera that observed it, twice, or before it."""
     state, tracks = state_and_tracks
+    pose = state.world_T_camera[image]
+    point = pose[:3, 3] + along * pose[:3, 2]
+    points = np.vstack([state.points_world[:-1], point])
+    lost = replace(state, points_world=points)
+    tracks = Tracks(
+        points_world=points,
+        image_index=np.append(tracks.image_index[:-1], [image, image]),
+        point_index=np.append(tracks.point_index, len(points) - 1),
+        pixels=np.vstack([tracks.pixels, [600.0, 500.0]]),
+    )
+    layout = Layout(n_poses=N_IMAGES, intrinsics=ALL)
     parts = batches(tracks, np.ones(len(tracks.pixels)), N_IMAGES, 0)
-    layout = Layout(n_poses=N_IMAGES)
-    with pytest.raises(ConvergenceError, match="a scene point is not determined"):
-        eliminate(parts, state, layout)
+    found = eliminate(parts, lost, layout)
+    kept = in_front(in_front(replace(tracks, points_world=np.vstack([points, point]))))
+    without = batches(kept, np.ones(len(kept.pixels)), N_IMAGES, 0)
+    wanted = eliminate(without, replace(state, points_world=kept.points_world), layout)
+    scale = np.abs(wanted.quadratic.hessian).max()
+    np.testing.assert_allclose(
+        found.quadratic.hessian, wanted.quadratic.hessian, atol=1e-12 * scale
+    )
+    np.testing.assert_allclose(
+        found.quadratic.gradient, wanted.quadratic.gradient, atol=1e-12 * scale
+    )
+    # That it does not fit still counts.
+    assert found.quadratic.constant > wanted.quadratic.constant + 100.0
+    steps = found.point_steps(np.full(layout.dim, 1e-3))
+    assert not steps[-1].any()
+    np.testing.assert_allclose(steps[:-1], wanted.point_steps(np.full(layout.dim, 1e-3)), atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_derivatives_that_are_not_finite_are_refused(state_and_tracks):
+    """A point in the plane of its camera."""
+    state, tracks = state_and_tracks
+    poses, points = np.array(state.world_T_camera), np.array(state.points_world)
+    poses[0], points[-1] = np.eye(4), [1.0, 1.0, 1e-200]
+    state = replace(state, world_T_camera=poses, points_world=points)
+    parts = batches(tracks, np.ones(len(tracks.pixels)), N_IMAGES, 0)
+    with pytest.raises(ConvergenceError, match="derivatives are not finite"):
+        eliminate(parts, state, Layout(n_poses=N_IMAGES))
 
 
 def test_a_step_moves_every_unknown(state_and_tracks):

@@ -1,5 +1,6 @@
 """The pairs to match, by the robot: which images begin, and what happens where poses are wrong."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -29,6 +30,7 @@ from handeye_fg.simulate import simulate_poses
 from handeye_fg.types import SfmModel
 
 N_IMAGES = 36
+Place = Callable[[Sequence[SfmModel]], tuple[SfmModel, Array] | None]
 
 
 @dataclass
@@ -61,19 +63,24 @@ def synthetic(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(database=database, model=model, poses=model.world_T_camera)
 
 
-def matched(synthetic, place, map_some=None) -> Recorder:
+def placing(model: SfmModel, poses: Array | None) -> Place:
+    """Places images at poses, in the world of one model; None: nowhere."""
+    return lambda _: None if poses is None else (model, poses)
+
+
+def matched(synthetic, poses: Array | None, map_some=None) -> Recorder:
     recorder = Recorder(synthetic.database)
     recorder.begun = match_by_robot(
         cast("Matcher", recorder),
         synthetic.model.names,
-        RobotGuide(base_T_gripper=synthetic.poses, place=place),
-        map_some or (lambda _: synthetic.model),
+        RobotGuide(base_T_gripper=synthetic.poses, place=placing(synthetic.model, poses)),
+        map_some or (lambda _k, _names: synthetic.model),
     )
     return recorder
 
 
 def test_few_pairs_are_matched(synthetic) -> None:
-    recorder = matched(synthetic, lambda _: synthetic.poses)
+    recorder = matched(synthetic, synthetic.poses)
     assert not recorder.all
     beginning, chosen, doubtful = recorder.asked
     assert len(beginning) == 16 * 15 // 2
@@ -85,7 +92,7 @@ def test_few_pairs_are_matched(synthetic) -> None:
 def test_images_with_wrong_poses_are_matched_with_all(synthetic) -> None:
     swapped = synthetic.poses.copy()
     swapped[[5, 20]] = swapped[[20, 5]]
-    recorder = matched(synthetic, lambda _: swapped)
+    recorder = matched(synthetic, swapped)
     assert not recorder.all
     others = set(range(N_IMAGES)) - {5, 20}
     wanted = {tuple(sorted((i, j))) for i in (5, 20) for j in others} | {(5, 20)}
@@ -94,7 +101,7 @@ def test_images_with_wrong_poses_are_matched_with_all(synthetic) -> None:
 
 def test_poses_of_no_use_mean_all_pairs(synthetic) -> None:
     shuffled = synthetic.poses[np.random.default_rng(0).permutation(N_IMAGES)]
-    recorder = matched(synthetic, lambda _: shuffled)
+    recorder = matched(synthetic, shuffled)
     assert recorder.all
     assert recorder.begun == ()
 
@@ -103,11 +110,11 @@ def test_poses_of_no_use_mean_all_pairs(synthetic) -> None:
 def test_without_a_beginning_all_pairs_are_matched(synthetic, what: str) -> None:
     tried: list[tuple[str, ...]] = []
 
-    def map_some(names: tuple[str, ...]) -> SfmModel | None:
+    def map_some(_: int, names: tuple[str, ...]) -> SfmModel | None:
         tried.append(names)
         return None if what == "no model" else cast("SfmModel", synthetic.model)
 
-    recorder = matched(synthetic, lambda _: None, map_some)
+    recorder = matched(synthetic, None, map_some)
     assert recorder.all
     assert recorder.begun == ()
     assert len(tried) == len(set(tried)) == 2
@@ -127,19 +134,23 @@ def test_unmatched_images_are_not_as_placed(synthetic, tmp_path: Path) -> None:
 @pytest.mark.parametrize("n", [3, 16, 60])
 def test_beginnings(n: int) -> None:
     poses, _, _ = simulate_poses(np.random.default_rng(n), n_poses=n)
-    spread, compact = beginnings(poses)
+    (spread,), (compact,) = beginnings(poses, ["."] * n)
     assert len(set(spread.tolist())) == len(set(compact.tolist())) == min(n, 16)
     if n == 60:
         extent = [np.sqrt(np.var(poses[which, :3, 3], axis=0).sum()) for which in (spread, compact)]
         assert extent[0] > extent[1]
 
 
-def test_images_of_several_cameras_begin_together() -> None:
+def test_each_of_several_cameras_begins_by_itself() -> None:
+    """Only then all together, the images at one pose with each other."""
     poses, _, _ = simulate_poses(np.random.default_rng(1), n_poses=40)
     twice = np.concatenate([poses, poses @ frames.exp(np.full(6, 1e-12))])
-    spread, _ = beginnings(twice)
-    assert len(spread) == 16
-    np.testing.assert_array_equal(spread[:8] + 40, spread[8:])
+    apart, near, (together,), (_,) = beginnings(twice, ["b"] * 40 + ["a"] * 40)
+    for second, first in (apart, near):
+        assert len(first) == len(second) == 16
+        np.testing.assert_array_equal(first + 40, second)
+    assert len(together) == 16
+    np.testing.assert_array_equal(together[:8] + 40, together[8:])
 
 
 def test_when_the_robot_is_asked() -> None:

@@ -1,6 +1,7 @@
 """A few small images through all of structure from motion."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -171,9 +172,9 @@ def test_the_robot_may_choose_the_pairs(
     """Of five images all: the same model, whether the robot is sure or not."""
     asked: list[SfmModel] = []
 
-    def place(model: SfmModel) -> np.ndarray | None:
-        asked.append(model)
-        return model.world_T_camera
+    def place(models: Sequence[SfmModel]) -> tuple[SfmModel, np.ndarray]:
+        asked.extend(models)
+        return models[0], models[0].world_T_camera
 
     poses = TRUTH["base_T_gripper"][:N_IMAGES]
     model = run(
