@@ -194,23 +194,24 @@ def test_false_matches_do_not_link_a_camera_elsewhere(
 def test_a_camera_that_false_matches_bend_is_told_to_be_elsewhere(
     tmp_path: Path, asked: list[dict[str, Array]]
 ) -> None:
-    """One of its images is linked falsely once more, and a third of the others are off by some degrees."""
-    rig = simulate_rig(np.random.default_rng(7), n_poses=14, n_points=160, start_sigma=0.0)
+    """They hold some images more than others: the last is off by degrees, one by tens of them."""
+    n = 14
+    rig = simulate_rig(np.random.default_rng(7), n_poses=n, n_points=160, start_sigma=0.0)
     model, second = rig.scene.model, np.flatnonzero(rig.rig.camera == 1)
     wrong = np.array(model.world_T_camera)
-    rng, depth = np.random.default_rng(0), np.linalg.norm(wrong[second, :3, 3], axis=1).max()
-    off = rng.normal(size=(4, 6)) * np.repeat([np.deg2rad(1.5), 0.03 * depth], 3)
-    wrong[second[:4]] = wrong[second[:4]] @ frames.exp(off)
-    wrong[second[7]] = wrong[second[7]] @ frames.exp(np.full(6, 0.6))
-    wrong[second] = ELSEWHERE @ wrong[second]
+    extent = np.sqrt(np.sum(np.var(wrong[second, :3, 3], axis=0)))
+    off = np.random.default_rng(1).normal(size=(n, 6)) * np.linspace(0.05, 1.0, n)[:, None] ** 2
+    off *= np.repeat([np.deg2rad(1.2), 0.02 * extent], 3)
+    off[3] = 0.6
+    wrong[second] = ELSEWHERE @ wrong[second] @ frames.exp(off)
     found = joined(replace(model, world_T_camera=wrong), given(rig, tmp_path), tmp_path)
     assert {name.partition("/")[0] for name in found.names} == {"cam0"}
     [places] = asked
     degrees, metres = wrongly(places, rig)
-    right = np.setdiff1d(np.arange(14), [0, 1, 2, 3, 7])
-    assert degrees[right].max() < 0.5
-    assert metres[right].max() < 0.02
-    assert degrees.max() > 20.0
+    held_little = np.delete(np.arange(9), 3)
+    assert degrees[held_little].max() < 1.0
+    assert metres[held_little].max() < 0.03
+    assert degrees[3] > 20.0
 
 
 def test_what_is_bent_is_asked_for_again_where_the_robot_has_it(

@@ -22,7 +22,7 @@ from handeye_fg.turns import RobotTurns
 from handeye_fg.types import CameraModel, Fragment, SfmModel
 
 # Raised whenever the settings in this package change, so that older models are not reused.
-RECIPE = 4
+RECIPE = 5
 _INPUTS = "inputs.json"
 
 
