@@ -109,7 +109,10 @@ def best_partners(matches: Array, partners: int) -> NDArray[np.bool_]:
 def _sample(tracks: Tracks) -> Tracks:
     """The points with the longest tracks."""
     length = np.bincount(tracks.point_index, minlength=len(tracks.points_world))
-    chosen = np.sort(np.argsort(-length, kind="stable")[:_MOST_POINTS])
+    longest = np.argsort(-length, kind="stable")[:_MOST_POINTS]
+    chosen = np.sort(
+        longest[length[longest] > 0]
+    )  # one that lost its observations was seen from nowhere
     index = np.full(len(length), -1)
     index[chosen] = np.arange(len(chosen))
     kept = index[tracks.point_index] >= 0

@@ -1,6 +1,6 @@
 """Predicted overlap against true co-visibility, on a long bench that no image shows whole."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -143,3 +143,26 @@ def test_a_thing_matches_only_where_features_are(bench: Bench) -> None:
     features[3] = np.zeros((0, 2))
     blind = expected_matches(bench.model, bench.poses, (CAMERA,), camera, features)
     assert blind[3].max() <= 1.0
+
+
+def test_a_point_without_observations_does_not_matter(bench: Bench) -> None:
+    tracks = bench.model.tracks
+    camera = np.zeros(N_IMAGES, dtype=np.int64)
+    few = replace(tracks, points_world=tracks.points_world[:1000])
+    rows = tracks.point_index < 1000
+    few = replace(
+        few,
+        image_index=tracks.image_index[rows],
+        point_index=tracks.point_index[rows],
+        pixels=tracks.pixels[rows],
+    )
+    wanted = expected_matches(replace(bench.model, tracks=few), bench.poses, (CAMERA,), camera)
+    for unseen in (0, 500, 1000):
+        more = replace(
+            few,
+            points_world=np.insert(few.points_world, unseen, few.points_world[0], axis=0),
+            point_index=few.point_index + (few.point_index >= unseen),
+        )
+        model = replace(bench.model, tracks=more)
+        found = expected_matches(model, bench.poses, (CAMERA,), camera)
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
