@@ -8,7 +8,7 @@ from handeye_fg.sfm.native import run_cancellable
 def adjust(
     reconstruction: pycolmap.Reconstruction, options: pycolmap.BundleAdjustmentOptions, what: str
 ) -> None:
-    """Adjust what the options say to all placed images, in one thread: the same result in every run.
+    """Adjust cameras and points to all placed images, in one thread: the same result in every run.
 
     Args:
         reconstruction: changed in place, with the errors of its points.

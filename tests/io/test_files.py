@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from handeye_fg.errors import InputDataError
+from handeye_fg.io import files
 from handeye_fg.io.files import read_text, write_atomic
 
 
@@ -98,3 +99,15 @@ def test_an_empty_file_may_be_allowed(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"")
     assert read_text(path, "file", may_be_empty=True) == ""
+
+
+def test_a_file_that_is_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "_LARGEST_FILE", 8)
+    path = tmp_path / "a.json"
+    path.write_bytes(b"12345678")
+    assert read_text(path, "file") == "12345678"
+    path.write_bytes(b"123456789")
+    with pytest.raises(InputDataError, match=r"^file .*a\.json: more than 8 bytes are too many"):
+        read_text(path, "file")
