@@ -61,6 +61,13 @@ def test_a_file_in_the_folder_s_place_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
     with pytest.raises(InputDataError, match=r"result\.json: cannot be written .*output folder"):
         write_atomic(tmp_path / "out" / "result.json", "new")
+    with (
+        pytest.raises(
+            InputDataError, match=r"out: cannot be written \(.+\); choose another output"
+        ),
+        files.sole_use(tmp_path / "out"),
+    ):
+        pass
 
 
 def test_reading_drops_the_byte_order_mark_and_carriage_returns(tmp_path: Path) -> None:
