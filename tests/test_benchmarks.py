@@ -38,13 +38,28 @@ def test_planned_poses_and_their_predictions() -> None:
     case = planning["Case"](start=10, planned=6, rotation=0.1, translation=1.0, points=50)
     found = [planning["draw"](case, seed) for seed in range(6)]
     # Beside twice as many added to the first ones, and beside twice as many as all together.
-    _, position, distance = np.median([one.added for one in found], axis=0)
+    rotation, position, distance = np.median([one.added for one in found], axis=0)
     assert min(position, distance) > 1.1
+    assert rotation > 0.95
     assert np.median([one.twice[2] for one in found]) > 0.95
     ratios = np.median([one.reached / one.predicted for one in found], axis=0)
     assert np.abs(np.log(ratios)).max() < np.log(1.15)
     # All six components of X in predicted standard deviations.
     assert 0.7 < np.sqrt(np.mean([one.error for one in found])) < 1.3
+
+
+@pytest.mark.slow
+@pytest.mark.simulation
+def test_no_plan_is_better_than_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the limit is not far off: a plan comes within a quarter of it."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    limits = runpy.run_path(str(BENCHMARKS / "planning_limits.py"))
+    case = limits["Case"](start=10, planned=6, rotation=0.1, translation=1.0, points=50)
+    for position, rotation, *best in limits["ratios"](case, 0):
+        assert 0.75 * best[0] < position < best[0]
+        assert 0.75 * best[1] < rotation < best[1]
+        assert 0.8 * best[2] < min(position, rotation) < best[2]
+        assert best[2] < 1.005 * min(best[:2])
 
 
 @pytest.mark.slow

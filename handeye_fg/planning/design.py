@@ -24,7 +24,7 @@ from handeye_fg.known import rows
 from handeye_fg.observability import WIDE
 from handeye_fg.priors import PosePrior, Prior
 
-# The eigenvalues of the covariance count by this power: nearly the largest alone, yet smooth.
+# Variances count by this power: nearly the largest alone, yet smooth.
 _POWER = 8
 # Information on a camera's pose that is none: ten radians, ten metres.
 _NOTHING = 0.01
@@ -83,23 +83,22 @@ def prior_information(
     return information
 
 
-def uncertainty(information: Array, standoff: float) -> Array:
-    """How uncertain X is (...,), metres: a smooth worst standard deviation of position and rotation, of all cameras.
+def uncertainty(information: Array) -> Array:
+    """How uncertain X is (...,): a smooth worst standard deviation of rotation times that of position, of all cameras.
+
+    A per cent of the one counts as much as a per cent of the other, whatever their units: what counts at the
+    distance of the work alone leaves the rotation to what is good for the position.
 
     Args:
         information: of the unknowns (..., u, u).
-        standoff: distance from the camera, metres; a rotation counts by how far it moves a point there.
+
+    Returns:
+        The square root of the product, of radians and metres.
     """
-    scale = np.repeat([standoff, 1.0], 3)
-    covariance = np.linalg.inv(information)
-    variances = np.concatenate(
-        [
-            np.linalg.eigvalsh(covariance[..., i : i + 6, i : i + 6] * np.outer(scale, scale))
-            for i in range(0, information.shape[-1] - 7, 6)
-        ],
-        axis=-1,
-    )
-    return np.asarray(np.mean(variances**_POWER, axis=-1) ** (0.5 / _POWER))
+    variances = np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1)[..., :-7]
+    by_kind = variances.reshape(*variances.shape[:-1], -1, 2, 3)  # camera, kind, axis
+    worst = np.mean(by_kind**_POWER, axis=(-3, -1)) ** (0.5 / _POWER)
+    return np.asarray(np.sqrt(np.prod(worst, axis=-1)))
 
 
 def best(
@@ -135,7 +134,7 @@ def best(
         if len(open_) == 0:
             return None
         present = known + gains[chosen].sum(axis=0)
-        return int(open_[np.argmin(uncertainty(present + gains[open_], standoff))])
+        return int(open_[np.argmin(uncertainty(present + gains[open_]))])
 
     chosen = list(start)
     while len(chosen) < count and (one := added(chosen)) is not None:
@@ -148,15 +147,15 @@ def best(
             chosen = [*rest, chosen[0] if one is None else one]
         if sorted(chosen) == before:
             break
-    return np.array(_helpful_first(known, gains, chosen, standoff), dtype=np.int64)
+    return np.array(_helpful_first(known, gains, chosen), dtype=np.int64)
 
 
-def _helpful_first(known: Array, gains: Array, chosen: list[int], standoff: float) -> list[int]:
+def _helpful_first(known: Array, gains: Array, chosen: list[int]) -> list[int]:
     ordered: list[int] = []
     left = list(chosen)
     while left:
         present = known + gains[ordered].sum(axis=0)
-        ordered.append(left.pop(int(np.argmin(uncertainty(present + gains[left], standoff)))))
+        ordered.append(left.pop(int(np.argmin(uncertainty(present + gains[left])))))
     return ordered
 
 
