@@ -79,10 +79,10 @@ def refine(
     names = None if images is None else list_cameras(Path(images))
     found = _found(model)
     if not isinstance(found, SfmModel):
-        if holdout is not None:
+        if holdout is not None or options.holdout > 0.0:
             raise InputDataError(
-                "new images cannot be held against a model that has camera poses without points; give a COLMAP model "
-                "with its points and its database, or use --holdout"
+                "the model has camera poses without points, by which robot poses that X has not seen cannot be held "
+                "against it; give a COLMAP model with its points, and for new images with its database"
             )
         return _from_poses(found, poses, options, names)
     inputs, paired = read_model_inputs(found, poses, options, names)

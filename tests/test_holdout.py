@@ -16,7 +16,7 @@ from handeye_fg.io.results import result_schema, to_document
 from handeye_fg.pipeline import solve_scene
 from handeye_fg.progress import Stopwatch, silent
 from handeye_fg.scene import Scene
-from handeye_fg.simulate import simulate_scene
+from handeye_fg.simulate import simulate_poses, simulate_scene
 
 FIXED = hf.GraphOptions(intrinsics="fixed")
 
@@ -70,6 +70,16 @@ def test_there_and_back(tmp_path):
     assert again.expected_reprojection == pytest.approx(result.holdout.expected_reprojection)
     assert again.within == result.holdout.within
     assert calibrated(2, holdout=0.0).holdout is None
+
+
+def test_camera_poses_alone_have_nothing_to_hold_out():
+    robot, camera, _ = simulate_poses(np.random.default_rng(0), n_poses=8)
+    names = [f"{i}.png" for i in range(8)]
+    poses = [dict(zip(names, matrices, strict=True)) for matrices in (camera, robot)]
+    with pytest.raises(InputDataError, match="camera poses without points"):
+        hf.refine(*poses, hf.Options(holdout=0.25))
+    with pytest.raises(InputDataError, match="camera poses without points"):
+        hf.refine(*poses, holdout=("new", {}))
 
 
 def test_held_out_poses_are_spread():
