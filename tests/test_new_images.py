@@ -249,6 +249,7 @@ def test_new_images_of_several_cameras(folder, tmp_path):
     given = {"camera": HALF_CAMERA, "options": options, "output": tmp_path / "out"}
     result = hf.calibrate(tmp_path / "old", poses, holdout=(tmp_path / "new", poses), **given)
     assert len(result.cameras) == 2
+    assert "were left out" not in result.message  # the poses of new images stand among the others
     proof = result.holdout
     assert [one.name.partition("/")[0] for one in proof.images] == ["cam0", "cam1"]
     assert proof.probability > 1e-3

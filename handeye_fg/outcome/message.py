@@ -48,8 +48,9 @@ def message(
         )
     if inputs.convention_note:
         parts.append(inputs.convention_note)
-    if inputs.left_out:
-        parts.append(f"{len(inputs.left_out)} names without image or pose were left out.")
+    new = () if proof is None else tuple(one.name for one in proof.images)
+    if left_out := [name for name, _ in inputs.left_out if name not in new]:
+        parts.append(f"{len(left_out)} names without image or pose were left out.")
     if model.static_share >= _WORTH_TELLING:
         parts.append(
             f"{100.0 * model.static_share:.0f} % of the features stayed at their pixel while the robot "

@@ -244,7 +244,7 @@ def _image_row(image: ImageReport, *, held_out: bool) -> Table:
     return {
         "name": image.name,
         "verdict": wording.became(image, held_out=held_out),
-        "bad": image.outlier or not image.registered,
+        "bad": image.outlier or not (image.registered or held_out),
         "rotation": _in_degrees(image.residual_rotation, 3),
         "translation": _in_millimetres(image.residual_translation),
         "reprojection": wording.number(image.reprojection_rms),

@@ -83,10 +83,16 @@ def became(image: ImageReport, *, held_out: bool) -> str:
 
 
 def kept_out(result: Result) -> frozenset[str]:
-    """Names of images whose robot pose was kept out of X, for a proof."""
-    if result.holdout is None or result.holdout.new_images:
+    """Names of images whose robot pose was kept out of X, for a proof.
+
+    Poses of new images may stand in the file of the others. A new image may have the name of one that X rests on.
+    """
+    if result.holdout is None:
         return frozenset()
-    return frozenset(one.name for one in result.holdout.images)
+    held = frozenset(one.name for one in result.holdout.images)
+    if not result.holdout.new_images:
+        return held
+    return held.difference(image.name for image in result.images if image.registered)
 
 
 def target_text(target: TargetSummary) -> str:

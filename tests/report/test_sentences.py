@@ -152,3 +152,17 @@ def test_new_images_are_not_of_the_calibration(result: Result, held_out: Holdout
     assert "16 of 18" in texts["page"]
     for text in texts.values():
         assert "kept out" not in text
+
+
+def test_poses_of_new_images_in_the_file_of_the_others_are_no_bad_data(
+    result: Result, held_out: HoldoutReport
+) -> None:
+    *others, last = result.images
+    rest = replace(last, reason="no image has this name")
+    proof = replace(held_out, images=(replace(held_out.images[0], name=last.name),))
+    result = replace(result, images=(*others, rest), holdout=replace(proof, new_images=True))
+    texts = in_all(result)
+    assert "1 robot pose rejected, 1 kept out" in texts["page"]
+    assert "not used" not in texts["page"]
+    assert "no image has this name" not in texts["page"] + texts["terminal"]
+    assert f"| {last.name} | kept out |" in texts["markdown"]

@@ -125,7 +125,7 @@
       margin: { l: 0, r: 0, t: 0, b: narrow ? 90 : 0 },
       legend: narrow
         ? { orientation: "h", x: 0, y: 0, yanchor: "top", bgcolor: "rgba(0,0,0,0)", font: { size: 11 } }
-        : { x: 0, y: 1, bgcolor: "rgba(0,0,0,0)" },
+        : { x: 0, y: 1, bgcolor: colour("page") },
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("muted"), font: { color: colour("ink") } },
       scene: {
         aspectmode: "data", camera: { eye: eyes.oblique },
