@@ -1,11 +1,13 @@
 """Pairs of images chosen by the robot's poses beside all pairs: what it costs X on a hundred images.
 
-    python benchmarks/pairs.py [--images 100] [--preset fast] [--seeds 0 1] [--output OUT]
+    python benchmarks/pairs.py [--images 100] [--cameras 2] [--preset fast] [--seeds 0 1] [--output OUT]
 
 Renders a desk of a square metre with boxes of several heights on it, from textures in ``data/tabletop``, as a camera on an arm
 sees it that looks all over it (640x480, 2x supersampling, sensor noise of 2 grey levels), with robot noise of 0.01 deg and
-0.05 mm an axis. Each calibration is a whole one, from images to X. Prints a Markdown table; the last column is how far X
-of the chosen pairs is from that of all, in standard deviations of the latter (root mean square of the six).
+0.05 mm an axis. With ``--cameras 2`` half of the images are of a second camera on the same arm, which looks the other way, at
+a ceiling with boxes: the two share nothing. Each calibration is a whole one, from images to X. Prints a Markdown table, with
+a row for each camera; the last column is how far X of the chosen pairs is from that of all, in standard deviations of the
+latter (root mean square of the six).
 """
 
 import argparse
@@ -28,9 +30,12 @@ DESK_M, BOX_M, TALLEST_M, BOXES = 0.5, (0.05, 0.12), 0.12, 14
 AIM_M, DISTANCE_M, TILT = 0.33, (0.35, 0.6), np.deg2rad(40.0)
 ROTATION, TRANSLATION = np.deg2rad(0.01), 5e-5
 GREY_LEVELS = 2.0
+# The second camera looks at the ceiling where the first one looks at the desk.
+OVER = frames.pose(Rotation.from_euler("X", np.pi).as_matrix(), [0.01, -0.03, 0.0])
 X = frames.pose(
     Rotation.from_euler("ZYX", [150.0, 8.0, -12.0], degrees=True).as_matrix(), [-0.02, 0.05, 0.06]
-)
+) @ np.array([np.eye(4), OVER])
+BASE_T_CEILING, LARGER = frames.pose(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 1.4]), 2.5
 
 
 def intrinsics(finer=1):
@@ -39,18 +44,19 @@ def intrinsics(finer=1):
     return np.array([[finer * FOCAL, 0.0, centre[0]], [0.0, finer * FOCAL, centre[1]], [0, 0, 1.0]])
 
 
-def surfaces(rng):
+def surfaces(rng, larger=1.0, *, mirrored=False):
     """(texture, corner x, y, height, metres per texture pixel) of level rectangles, the lowest first."""
     textures = [cv2.imread(str(path)) for path in sorted(TABLETOP.iterdir())]
-    tiles = []
+    textures = [cv2.flip(texture, 1) for texture in textures] if mirrored else textures
+    tiles, half = [], larger * DESK_M
     for k in range(4):  # the desk
         texture = textures[k][:960, :960]
-        x, y = DESK_M * np.array([k % 2 - 1, k // 2 - 1])
-        tiles.append((texture, x, y, 0.0, DESK_M / 960))
+        x, y = half * np.array([k % 2 - 1, k // 2 - 1])
+        tiles.append((texture, x, y, 0.0, half / 960))
     for k in range(BOXES):
-        side, height = rng.uniform(*BOX_M), rng.uniform(0.01, TALLEST_M)
+        side, height = larger * rng.uniform(*BOX_M), larger * rng.uniform(0.01, TALLEST_M)
         texture = textures[4 + k][200:600, 300:700]
-        x, y = rng.uniform(-DESK_M, DESK_M - side, 2)
+        x, y = rng.uniform(-half, half - side, 2)
         tiles.append((texture, x, y, height, side / 400))
     return sorted(tiles, key=lambda tile: tile[3])
 
@@ -90,16 +96,24 @@ def cameras(n, rng):
     return frames.pose(R, aim - rng.uniform(*DISTANCE_M, n)[:, None] * R[:, :, 2])
 
 
-def simulated(n, seed, folder):
+def simulated(n, n_cameras, seed, folder):
     """Write the images; the reported poses by name."""
     rng = np.random.default_rng(seed)
-    tiles, base_T_camera = surfaces(rng), cameras(n, rng)
-    noise = rng.normal(size=(n, 6)) * np.repeat([ROTATION, TRANSLATION], 3)
-    reported = base_T_camera @ frames.inverse(X) @ frames.exp(noise)
-    folder.mkdir(parents=True, exist_ok=True)
-    names = [f"{i:04d}.jpg" for i in range(n)]
-    for name, pose in zip(names, base_T_camera, strict=True):
-        cv2.imwrite(str(folder / name), rendered(tiles, pose, rng), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    tiles = [surfaces(rng)]
+    base_T_camera = cameras(n // n_cameras, rng)
+    noise = rng.normal(size=(len(base_T_camera), 6)) * np.repeat([ROTATION, TRANSLATION], 3)
+    reported = base_T_camera @ frames.inverse(X[0]) @ frames.exp(noise)
+    seen = [base_T_camera]
+    if n_cameras == 2:
+        tiles.append(surfaces(rng, LARGER, mirrored=True))
+        seen.append(frames.inverse(BASE_T_CEILING) @ base_T_camera @ OVER)
+    names = [f"{i:04d}.jpg" for i in range(len(base_T_camera))]
+    for k, poses in enumerate(seen):
+        inside = folder / f"cam{k}" if n_cameras == 2 else folder
+        inside.mkdir(parents=True, exist_ok=True)
+        for name, pose in zip(names, poses, strict=True):
+            image = rendered(tiles[k], pose, rng)
+            cv2.imwrite(str(inside / name), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
     return dict(zip(names, reported, strict=True))
 
 
@@ -117,15 +131,16 @@ def calibrated(images, poses, pairs, preset, out):
     return result, n_pairs, time.process_time() - begin
 
 
-def error_of(result):
-    """X against the truth, as a right perturbation."""
-    return frames.log(frames.inverse(result.matrix) @ X)
+def found_by(result):
+    """X and its covariance, of each camera."""
+    return [(one.matrix, one.covariance) for one in result.cameras or [result]]
 
 
 def main():
     """Render and calibrate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=int, default=100)
+    parser.add_argument("--cameras", type=int, choices=[1, 2], default=1)
     parser.add_argument("--preset", default="fast")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--output", type=Path)
@@ -144,22 +159,23 @@ def main():
     for seed in arguments.seeds:
         with tempfile.TemporaryDirectory() as scratch:
             out = (arguments.output or Path(scratch)) / str(seed)
-            poses = simulated(arguments.images, seed, out / "images")
+            poses = simulated(arguments.images, arguments.cameras, seed, out / "images")
             found = {
                 pairs: calibrated(out / "images", poses, pairs, arguments.preset, out / pairs)
                 for pairs in ("robot", "all")
             }
-        reference = found["all"][0]
+        reference = found_by(found["all"][0])
         for pairs, (result, n_pairs, seconds) in found.items():
-            error = error_of(result)
-            apart = frames.log(frames.inverse(reference.matrix) @ result.matrix)
-            sigmas = np.sqrt(apart @ np.linalg.solve(reference.covariance, apart) / 6.0)
-            degrees, mm = np.rad2deg(np.linalg.norm(error[:3])), 1e3 * np.linalg.norm(error[3:])
-            nees = error @ np.linalg.solve(result.covariance, error)
-            row = [seed, pairs, n_pairs, f"{result.sfm.n_registered} of {arguments.images}"]
-            row += [result.sfm.n_observations, f"{degrees:.4f} / {mm:.3f}", f"{nees:.1f}"]
-            row += [f"{seconds:.0f}", f"{sigmas:.2f}"]
-            print(f"| {' | '.join(map(str, row))} |", flush=True)
+            for k, (X_k, covariance) in enumerate(found_by(result)):
+                error = frames.log(frames.inverse(X_k) @ X[k])
+                apart = frames.log(frames.inverse(reference[k][0]) @ X_k)
+                sigmas = np.sqrt(apart @ np.linalg.solve(reference[k][1], apart) / 6.0)
+                degrees, mm = np.rad2deg(np.linalg.norm(error[:3])), 1e3 * np.linalg.norm(error[3:])
+                nees = error @ np.linalg.solve(covariance, error)
+                row = [seed, pairs, n_pairs, f"{result.sfm.n_registered} of {arguments.images}"]
+                row += [result.sfm.n_observations, f"{degrees:.4f} / {mm:.3f}", f"{nees:.1f}"]
+                row += [f"{seconds:.0f}", f"{sigmas:.2f}"]
+                print(f"| {' | '.join(map(str, row))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from handeye_fg.motions import PosePairs
 from handeye_fg.parts import as_fragment, only
 from handeye_fg.solvers import trusted_rows
 from handeye_fg.solvers.residuals import differences
+from handeye_fg.solvers.rig import typical_pose
 from handeye_fg.solvers.worlds import InWorld, common_start, in_world
 from handeye_fg.types import Fragment, SfmModel, folder_of, folders_of
 
@@ -178,18 +179,21 @@ def _of_each_camera(fragment: Fragment) -> dict[str, NDArray[np.bool_]]:
 def _without_cameras_elsewhere(model: SfmModel, inputs: Inputs) -> SfmModel:
     """The model without the cameras that few false matches put elsewhere than the robot does; each is a fragment.
 
-    Each of them moves as the robot does, only not in the world of the camera with the most images.
+    Each of them moves as the robot does, only not in the world of the camera with the most images: no X brings
+    its images there.
     """
-    main = as_fragment(model)
-    part = _part(main, inputs)
+    part = _part(as_fragment(model), inputs)
     X = _sure_ones(part)
     lead = max(X, key=lambda name: len(part.data[name]), default="")
     home = _world([(part.data[lead], X[lead])]) if lead in X else None
     if home is None:
         return model
     extent, apart = _extent([part.data[lead]], home), []
-    for name in X.keys() - {lead}:
-        angle, distance = _off(part.data[name], X[name], home)
+    for name in part.data.keys() - {lead}:
+        data = part.data[name]
+        camera = frames.scaled(data.world_T_camera, home.metres_per_world_unit)
+        X_there = typical_pose(frames.inverse(data.base_T_gripper) @ home.base_T_world @ camera)
+        angle, distance = _off(data, X_there, home)
         if np.median(angle) > _FAR_ROTATION or np.median(distance) > _FAR_TRANSLATION * extent:
             apart.append(name)
     for name in sorted(apart):

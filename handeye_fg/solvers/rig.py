@@ -64,7 +64,7 @@ def rig_start(
         seen = rig.camera == k
         base_T_camera = base_T_world @ frames.scaled(world_T_camera[seen], scale)
         robot = base_T_gripper[rig.pose[seen]]
-        X[k] = _typical(frames.inverse(robot) @ base_T_camera)
+        X[k] = typical_pose(frames.inverse(robot) @ base_T_camera)
         trusted[rig.pose[seen]] = trusted_rows(
             PosePairs(base_T_gripper=robot, world_T_camera=base_T_camera), scale_known=True
         )
@@ -88,10 +88,10 @@ def _in_lead(world_T_camera: Array, rig: Rig, lead: int) -> tuple[Array, NDArray
         seen = (
             frames.inverse(world_T_camera[image[others, poses]]) @ world_T_camera[image[k, poses]]
         )
-        found[k], known[k] = _typical(found[others] @ seen), True
+        found[k], known[k] = typical_pose(found[others] @ seen), True
 
 
-def _typical(poses: Array) -> Array:
+def typical_pose(poses: Array) -> Array:
     """The median of poses (m, 4, 4) that are alike but for some: rotations about the most central one."""
     rotations = poses[:, :3, :3]
     angles = frames.rotation_angle(np.swapaxes(rotations, 1, 2)[:, None] @ rotations)
