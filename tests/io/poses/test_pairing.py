@@ -161,6 +161,10 @@ def test_times_that_are_numbers_of_images(tmp_path):
         hf.read_poses(path, images=names)
     poses = hf.read_poses(path, images=names, pair_by="number")
     assert rows_of(poses) == {"frame_01.png": 1.0, "frame_03.png": 3.0}
+    with pytest.raises(
+        InputDataError, match=r"no row has the number of an image, such as 'frame_07"
+    ):
+        hf.read_poses(path, images=["frame_07.png"], pair_by="number")
 
 
 @pytest.mark.parametrize(
