@@ -89,3 +89,8 @@ def test_robot_cal_tools(tmp_path):
     path = written(tmp_path, "data.yaml", index.replace("poses/0", "../../poses/0"))
     with pytest.raises(InputDataError, match="leads out"):
         hf.read_poses(path)
+    path = written(tmp_path, "data.yaml", index.replace("0.yaml", "0.exe"))
+    with pytest.raises(InputDataError, match=r"data\.yaml: names pose files that do not end in"):
+        hf.read_poses(path)
+    with pytest.raises(InputDataError, match=r"none\.yaml: no such file; check the path"):
+        hf.read_poses(tmp_path / "none.yaml")
