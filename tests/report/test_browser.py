@@ -1,7 +1,6 @@
 """The report as a browser shows it: Debian's chromium, without a network."""
 
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,8 +24,7 @@ from handeye_fg.io.scene_file import RefinedScene
 from handeye_fg.report import markdown_text, write_report
 
 CHROMIUM = shutil.which("chromium")
-# A folder of sets that are not part of the repository, as in notebooks/02_board_or_no_board.ipynb.
-REAL = os.environ.get("HANDEYE_FG_REAL_DATA")
+REAL = Path(__file__).parents[1] / "data" / "doosan"
 ATTACK = "<img src=x onerror=alert(1)>.jpg"
 MOST_PAGES = 6
 MOST_BYTES = 3_000_000
@@ -52,15 +50,14 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module", params=["tabletop", "real"])
 def report(
-    request: pytest.FixtureRequest, tabletop_output: Path, calibrated_once: Callable[..., Path]
+    request: pytest.FixtureRequest, tabletop_output: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     """The page of a rendered and of a real set."""
     if request.param == "tabletop":
         return tabletop_output / "report.html"
-    if REAL is None:
-        pytest.skip("HANDEYE_FG_REAL_DATA is not set")
-    data = Path(REAL) / "industrial_10x10"
-    return calibrated_once("industrial", data, "--sfm.preset", "fast") / "report.html"
+    output = tmp_path_factory.mktemp("real")
+    shutil.copytree(REAL, output, dirs_exist_ok=True)
+    return write_report(load_result(output), output)
 
 
 @pytest.fixture(scope="module")
