@@ -160,22 +160,33 @@ def main():
         with tempfile.TemporaryDirectory() as scratch:
             out = (arguments.output or Path(scratch)) / str(seed)
             poses = simulated(arguments.images, arguments.cameras, seed, out / "images")
-            found = {
-                pairs: calibrated(out / "images", poses, pairs, arguments.preset, out / pairs)
-                for pairs in ("robot", "all")
-            }
-        reference = found_by(found["all"][0])
+            found = {}
+            for pairs in ("robot", "all"):
+                try:
+                    found[pairs] = calibrated(
+                        out / "images", poses, pairs, arguments.preset, out / pairs
+                    )
+                except hf.HandEyeError as error:
+                    print(f"| {seed} | {pairs} | refused: {error} |{' |' * (len(cells) - 3)}")
+        reference = found_by(found["all"][0]) if "all" in found else None
         for pairs, (result, n_pairs, seconds) in found.items():
             for k, (X_k, covariance) in enumerate(found_by(result)):
                 error = frames.log(frames.inverse(X_k) @ X[k])
-                apart = frames.log(frames.inverse(reference[k][0]) @ X_k)
-                sigmas = np.sqrt(apart @ np.linalg.solve(reference[k][1], apart) / 6.0)
                 degrees, mm = np.rad2deg(np.linalg.norm(error[:3])), 1e3 * np.linalg.norm(error[3:])
                 nees = error @ np.linalg.solve(covariance, error)
                 row = [seed, pairs, n_pairs, f"{result.sfm.n_registered} of {arguments.images}"]
                 row += [result.sfm.n_observations, f"{degrees:.4f} / {mm:.3f}", f"{nees:.1f}"]
-                row += [f"{seconds:.0f}", f"{sigmas:.2f}"]
+                row += [f"{seconds:.0f}", apart(X_k, reference and reference[k])]
                 print(f"| {' | '.join(map(str, row))} |", flush=True)
+
+
+def apart(matrix, reference):
+    """How far an X is from another one, in the other's standard deviations; empty without the other."""
+    if reference is None:
+        return ""
+    other, covariance = reference
+    difference = frames.log(frames.inverse(other) @ matrix)
+    return f"{np.sqrt(difference @ np.linalg.solve(covariance, difference) / 6.0):.2f}"
 
 
 if __name__ == "__main__":
