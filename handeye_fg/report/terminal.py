@@ -16,7 +16,7 @@ from handeye_fg.io.camera_results import (
 from handeye_fg.io.results import Result
 from handeye_fg.report import judgement, wording
 from handeye_fg.report.noise import doubtful, remarks
-from handeye_fg.report.ties import none_tied, ties
+from handeye_fg.report.ties import ties
 
 _LONGEST = 100  # letters of a line of sentences, beside its label
 
@@ -90,8 +90,7 @@ def summary_text(result: Result, report: str | Path | None = None) -> str:
         lines += [f"  {wording.printable(item.description)}" for item in result.free_directions]
     else:
         lines.append(_row("undetermined", "nothing"))
-    if result.covariance is not None:
-        lines += _sentences("tied together", ties(result) or (none_tied(result),))
+    lines += _sentences("tied together", ties(result))
     lines += _sentences("limits", judgement.limits(result))
     lines += _sentences("do next", judgement.next_steps(result))
     lines += ["", wording.direction(result)]

@@ -239,9 +239,9 @@ def other_intrinsics_text(result: Calibrated) -> str:
             f"{number(other.shift_sigma, 2)} times the standard deviation of this change."
         )
     if (offset := result.focal_offset) is not None:
+        away = 1e3 * offset.metres_per_percent
         parts.append(
-            f"If the focal length were 1 % larger, the camera would be "
-            f"{significant(1e3 * offset.metres_per_percent, 2)} mm farther along its optical axis "
-            f"(correlation {number(offset.correlation, 2)})."
+            f"If the focal length were 1 % larger, the camera would be {significant(abs(away), 2)} mm farther "
+            f"{'forward' if away > 0.0 else 'back'} along its optical axis (correlation {number(offset.correlation, 2)})."
         )
     return " ".join(parts)

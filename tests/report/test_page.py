@@ -317,7 +317,9 @@ def test_the_other_choice_of_intrinsics_is_told(result: Result, tmp_path: Path) 
     text = write_report(result, tmp_path).read_text(encoding="utf-8")
     assert "With the given intrinsics fixed, X would be 0.011 deg and 0.31 mm from here" in text
     assert "1.25 times the standard deviation of this change" in text
-    assert "the camera would be -1.5 mm farther along its optical axis (correlation -0.43)" in text
+    assert (
+        "the camera would be 1.5 mm farther back along its optical axis (correlation -0.43)" in text
+    )
     free = dataclasses.replace(result.other_intrinsics, kind="free")
     text = write_report(dataclasses.replace(result, other_intrinsics=free), tmp_path).read_text(
         "utf-8"
