@@ -174,14 +174,14 @@ def program(images: Path, camera: Path, out: Path, threads: int) -> dict[str, ob
 def test_the_same_input_and_seed_give_the_same_result(
     images: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    """On one thread to the last bit; on more, X to a hundredth of its standard deviations."""
+    """On one thread to the last bit; on more, X to a tenth of its standard deviations."""
     one, two = (program(images, camera_file, tmp_path / seed, 1) for seed in "12")
     assert json.dumps(one) == json.dumps(two)
     scenes = [(tmp_path / seed / "scene.npz").read_bytes() for seed in "12"]
     assert scenes[0] == scenes[1]
     more = hf.load_result(tmp_path / "1" / "result.json")
     program(images, camera_file, tmp_path / "3", 2)
-    assert in_sigma(hf.load_result(tmp_path / "3" / "result.json"), more) < 0.01
+    assert in_sigma(hf.load_result(tmp_path / "3" / "result.json"), more) < 0.1
 
 
 # 3. Options and inputs.
