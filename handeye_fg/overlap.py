@@ -110,9 +110,8 @@ def _sample(tracks: Tracks) -> Tracks:
     """The points with the longest tracks."""
     length = np.bincount(tracks.point_index, minlength=len(tracks.points_world))
     longest = np.argsort(-length, kind="stable")[:_MOST_POINTS]
-    chosen = np.sort(
-        longest[length[longest] > 0]
-    )  # one that lost its observations was seen from nowhere
+    # One that lost its observations was seen from nowhere.
+    chosen = np.sort(longest[length[longest] > 0])
     index = np.full(len(length), -1)
     index[chosen] = np.arange(len(chosen))
     kept = index[tracks.point_index] >= 0

@@ -33,9 +33,8 @@ from handeye_fg.types import Indices, Tracks
 # there are pairs of images, so that adding up the batches' matrices costs less than making them.
 _BATCH = 16_000
 _FEWEST_BATCHES = 2  # one for each of two cores
-_SINGULAR = (
-    1e-12  # part of the largest element; of two lines of sight at an angle of 0.01 it is 1e-4
-)
+# Part of the largest element; of two lines of sight at an angle of 0.01 it is 1e-4.
+_SINGULAR = 1e-12
 _SLABS = 4  # of a symmetric product: 5/8 of it are computed
 
 

@@ -37,7 +37,7 @@ def test_listing_takes_images_by_suffix_and_sorts(tmp_path: Path) -> None:
 
 
 def test_listing_needs_a_folder_with_images(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match=r"image folder .*none: cannot be read \(.*No such"):
+    with pytest.raises(InputDataError, match=r"image folder .*none: cannot be read \(No such"):
         list_images(tmp_path / "none")
     with pytest.raises(InputDataError, match=r"no image found, but files named \.bmp \.jpeg"):
         list_images(tmp_path)
